@@ -1,0 +1,123 @@
+"""The formats that are known, and how to read or write a file of any of them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from calib.formats.k_txt import K_TXT_READER
+from calib.formats.kitti import KITTI_READER
+from calib.formats.middlebury import MIDDLEBURY_READER, MIDDLEBURY_WRITER
+from calib.formats.opencv import OPENCV_READER, OPENCV_WRITER
+from calib.formats.own_json import OWN_JSON_READER, OWN_JSON_WRITER
+from calib.formats.protocol import CalibrationFile, LengthUnit, Reader, Writer
+from calib.formats.record import CalibrationRecord
+from calib.formats.tagged_xml import TAGGED_XML_READER
+from calib.rig import RectifiedGeometry, StereoCalibration
+
+__all__ = ["READERS", "WRITERS", "read_calibration", "write_calibration"]
+
+# The first that recognises a file reads it: of two that may, the stricter comes first.
+READERS: dict[str, Reader] = {
+    "json": OWN_JSON_READER,
+    "tagged_xml": TAGGED_XML_READER,
+    "opencv": OPENCV_READER,
+    "middlebury": MIDDLEBURY_READER,
+    "kitti": KITTI_READER,
+    "k_txt": K_TXT_READER,
+}
+WRITERS: dict[str, Writer] = {
+    "json": OWN_JSON_WRITER,
+    "opencv": OPENCV_WRITER,
+    "middlebury": MIDDLEBURY_WRITER,
+}
+
+
+def read_calibration(
+    path: str | Path,
+    *,
+    image_size: tuple[int, int] | None = None,
+    unit: LengthUnit | None = None,
+) -> CalibrationRecord:
+    """Read a calibration file of any known format, told by what is in it.
+
+    Args:
+        path: the file.
+        image_size: (width, height) of the images it is to be used with. Formats that do not say
+            need it; of a file for several sizes only the part of this size is returned.
+        unit: of lengths, for formats that do not say. Without it a baseline up to 10 is taken as
+            metres and a longer one as millimetres, and the record's notes say so.
+
+    Raises:
+        FileNotFoundError: if there is no such file.
+        ValueError: if the format is unknown, the file is damaged, or it is for other images.
+    """
+    path = Path(path)
+    if path.is_dir():
+        raise ValueError(f"{path} is a folder; give the calibration file in it")
+    if not path.exists():
+        raise FileNotFoundError(f"there is no calibration file {path}")
+    text = path.read_bytes().decode("utf-8-sig", errors="replace")
+    file = CalibrationFile(path, text, image_size, unit)
+    try:
+        record = _reader(file).read(file)
+        return record if image_size is None else record.for_images(image_size)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from error
+
+
+def write_calibration(
+    path: str | Path, calibration: CalibrationRecord | StereoCalibration | RectifiedGeometry
+) -> None:
+    """Write a calibration file, in the format that the ending of its name stands for.
+
+    The file appears whole or not at all: it is written under another name, then renamed.
+
+    Args:
+        path: .json (this project's own, exact), .yml, .yaml or .xml (OpenCV), or .txt
+            (Middlebury, rectified geometry only).
+        calibration: what to write.
+
+    Raises:
+        FileNotFoundError: if the folder does not exist.
+        ValueError: if the ending is unknown or the format cannot hold the calibration.
+    """
+    path = Path(path)
+    if not path.parent.is_dir():
+        raise FileNotFoundError(f"there is no folder {path.parent} to write {path.name} in")
+    text = _writer(path).render(_as_record(calibration, path), path)
+    partial = path.with_name(f".{path.name}.partial")
+    try:
+        partial.write_text(text, encoding="utf-8")
+        partial.replace(path)
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+def _reader(file: CalibrationFile) -> Reader:
+    for reader in READERS.values():
+        if reader.recognises(file):
+            return reader
+    known = "\n".join(f"  {reader.looks_like}" for reader in READERS.values())
+    beginning = file.text.strip()[:40]
+    raise ValueError(
+        f"unknown calibration format, the file begins with {beginning!r}; "
+        f"known formats are\n{known}"
+    )
+
+
+def _writer(path: Path) -> Writer:
+    for writer in WRITERS.values():
+        if path.suffix.lower() in writer.suffixes:
+            return writer
+    endings = ", ".join(suffix for writer in WRITERS.values() for suffix in writer.suffixes)
+    raise ValueError(f"{path}: a calibration file ends in {endings}; got {path.suffix!r}")
+
+
+def _as_record(
+    calibration: CalibrationRecord | StereoCalibration | RectifiedGeometry, path: Path
+) -> CalibrationRecord:
+    if isinstance(calibration, StereoCalibration):
+        return CalibrationRecord(calibration, None, path, "json")
+    if isinstance(calibration, RectifiedGeometry):
+        return CalibrationRecord(None, calibration, path, "json")
+    return calibration
