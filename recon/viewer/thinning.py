@@ -1,0 +1,89 @@
+"""Making results small enough to look at: fewer pixels, points and faces, regularly chosen."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from torch import Tensor
+
+from recon.types import Array, Mesh, PointCloud
+
+__all__ = ["as_numpy", "thinned_image", "thinned_mesh", "thinned_points"]
+
+
+def as_numpy(values: Tensor | Array) -> Array:
+    """Return values in host memory, wherever they are."""
+    return values.detach().cpu().numpy() if isinstance(values, Tensor) else np.asarray(values)
+
+
+def thinned_image(image: Array, max_pixels: int) -> Array:
+    """Return every n-th pixel of every n-th row, with the least n that leaves few enough.
+
+    Args:
+        image: (H, W) or (H, W, C).
+        max_pixels: how many may remain.
+    """
+    step = math.ceil(math.sqrt(max(1.0, image.shape[0] * image.shape[1] / max_pixels)))
+    return image[::step, ::step]
+
+
+def thinned_points(cloud: PointCloud, max_points: int) -> PointCloud:
+    """Return points at regular places in the order of the cloud, or the cloud if it is small.
+
+    Args:
+        cloud: N points.
+        max_points: how many may remain.
+    """
+    if len(cloud) <= max_points:
+        return cloud
+    chosen = np.linspace(0, len(cloud) - 1, max_points).astype(np.intp)
+    return PointCloud(
+        points=cloud.points[chosen],
+        colours=cloud.colours[chosen],
+        confidence=cloud.confidence[chosen],
+        depth_sigma_m=cloud.depth_sigma_m[chosen],
+        status=cloud.status[chosen],
+    )
+
+
+def thinned_mesh(mesh: Mesh, max_faces: int) -> Mesh:
+    """Return a coarser mesh of the same surfaces, or the mesh if it is small.
+
+    The vertices of a mesh made from one view lie on its grid of pixels. Squares of n x n pixels
+    that are whole become one square; the others vanish, so that no edge is bridged, and holes
+    grow by less than n pixels. A mesh without such a grid is returned as it is.
+
+    Args:
+        mesh: F faces.
+        max_faces: how many may remain.
+    """
+    step = math.ceil(math.sqrt(len(mesh.faces) / max_faces))
+    height, width = mesh.texture.shape[:2]
+    pixels = np.rint(mesh.uv * (width, height) - 0.5).astype(np.intp)  # (V, 2) as x, y
+    vertex_of = np.full((height, width), -1, dtype=np.int32)
+    vertex_of[pixels[:, 1].clip(0, height - 1), pixels[:, 0].clip(0, width - 1)] = np.arange(
+        len(pixels)
+    )
+    if step <= 1 or (vertex_of >= 0).sum() < len(pixels):
+        return mesh
+
+    corner_x, corner_y = pixels[mesh.faces].min(axis=1).T
+    halves = np.bincount(corner_y * width + corner_x, minlength=height * width)
+    whole = (halves == 2).reshape(height, width)
+    rows, columns = (height - 1) // step, (width - 1) // step
+    blocks = whole[: rows * step, : columns * step].reshape(rows, step, columns, step)
+    y, x = np.nonzero(blocks.all(axis=(1, 3)))
+    a, b, c, d = (
+        vertex_of[(y + down) * step, (x + right) * step]
+        for down, right in ((0, 0), (0, 1), (1, 0), (1, 1))
+    )
+    corners = np.concatenate([np.stack([a, c, d], axis=1), np.stack([a, d, b], axis=1)])
+    used, faces = np.unique(corners, return_inverse=True)
+    return Mesh(
+        vertices=mesh.vertices[used],
+        faces=faces.reshape(-1, 3).astype(np.int32),
+        uv=mesh.uv[used],
+        texture=mesh.texture,
+        colours=mesh.colours[used],
+    )
