@@ -1,0 +1,177 @@
+"""The stages of stereo matching, in order."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from calib.pair import Image, RectifiedPair
+from recon.aggregation import Aggregation
+from recon.consistency import left_right_check, reject_small_segments
+from recon.filling import Filling
+from recon.matching_cost import MatchingCost
+from recon.observer import Observer, ignore
+from recon.optimisation import Optimisation, WinnerTakesAll
+from recon.refinement import Refinement
+from recon.types import Array, CostVolume, DisparityMap
+
+__all__ = ["Matcher"]
+
+BYTES_OF_A_COST = 4
+GRID_ROWS = 16
+"""Strips start at multiples of this, so that networks which halve the image see one grid."""
+
+
+@dataclass(frozen=True)
+class Matcher:
+    """From a rectified pair to the disparity of the left view.
+
+    Source: Scharstein & Szeliski, A Taxonomy and Evaluation of Dense Two-Frame Stereo
+    Correspondence Algorithms, IJCV 47 2002, section 3.
+
+    Attributes:
+        matching_cost: how badly two pixels fit.
+        aggregation: how the costs around a pixel speak for it.
+        optimisation: which candidate a pixel gets.
+        left_right_tolerance_px: larger keeps more of what the right view does not confirm.
+        min_segment_px: matched islands with fewer pixels are rejected; 0 keeps all.
+        filling: for rejected pixels; without one they stay without disparity.
+        refinements: one after the other.
+        volume_limit_mb: a volume that would take more MB is made strip by strip, from the top and
+            at least 16 rows at a time, with the same result; about four such volumes are in
+            memory at once.
+    """
+
+    matching_cost: MatchingCost
+    aggregation: Aggregation
+    optimisation: Optimisation = field(default_factory=WinnerTakesAll)
+    left_right_tolerance_px: float = 1.0
+    min_segment_px: int = 100
+    filling: Filling | None = field(default_factory=Filling)
+    refinements: tuple[Refinement, ...] = ()
+    volume_limit_mb: float = 768.0
+
+    def __post_init__(self) -> None:
+        for name in ("left_right_tolerance_px", "min_segment_px"):
+            if getattr(self, name) < 0:
+                raise ValueError(f"{name} must not be negative, got {getattr(self, name)}")
+        if not self.volume_limit_mb > 0:
+            raise ValueError(f"volume_limit_mb must be positive, got {self.volume_limit_mb}")
+
+    @torch.inference_mode()
+    def __call__(
+        self,
+        pair: RectifiedPair,
+        disparities: range,
+        *,
+        device: str | torch.device = "cpu",
+        observe: Observer = ignore,
+    ) -> DisparityMap[Array]:
+        """Match a pair.
+
+        Args:
+            pair: rectified images.
+            disparities: candidates d = x_left - x_right in pixels, consecutive.
+            device: where to compute.
+            observe: told every intermediate result, in order; tensors, on `device`. If the whole
+                volume would pass `volume_limit_mb`, volumes come strip by strip, those of the
+                matching cost with the rows that overlap.
+
+        Returns:
+            (H, W) of the left view.
+
+        Raises:
+            ValueError: if `disparities` is empty or leaves candidates out.
+        """
+        if len(disparities) == 0 or disparities.step != 1:
+            raise ValueError(f"disparities must be consecutive, at least one, got {disparities}")
+        left, right = (_as_tensor(image, device) for image in (pair.left, pair.right))
+
+        of_left, of_right = self._disparities_of_both_views(left, right, disparities, observe)
+        observe("disparity/left", of_left)
+        observe("disparity/right", of_right)
+
+        disparity = left_right_check(
+            of_left, of_right, tolerance_px=self.left_right_tolerance_px, disparities=disparities
+        )
+        observe("left_right_check", disparity)
+        disparity = reject_small_segments(disparity, min_segment_px=self.min_segment_px)
+        observe("small_segments", disparity)
+        if self.filling is not None:
+            disparity = self.filling(disparity)
+            observe("filling", disparity)
+
+        for refinement in self.refinements:
+            disparity = refinement(disparity, guide=left)
+            observe(f"refinement/{type(refinement).__name__}", disparity)
+        return DisparityMap(
+            *(a.cpu().numpy() for a in (disparity.values, disparity.status, disparity.confidence))
+        )
+
+    def _disparities_of_both_views(
+        self, left: Tensor, right: Tensor, disparities: range, observe: Observer
+    ) -> tuple[DisparityMap[Tensor], DisparityMap[Tensor]]:
+        """Return what the costs say of either view, before any check."""
+        of_left, of_right = [], []
+        height, width, _ = left.shape
+        for strip in self._strips(height, width * len(disparities) * BYTES_OF_A_COST):
+            views = left[strip.seen], right[strip.seen]
+            volume = self.matching_cost(*views, disparities, rows=strip.costs)
+            observe("matching_cost", volume)
+            volume = self.aggregation(volume, guide=views[0][strip.costs])
+            volume = CostVolume(volume.cost[strip.result], disparities)
+            observe("aggregation", volume)
+
+            of_left.append(self.optimisation(volume))
+            of_right.append(self.optimisation(volume.seen_from_right()))
+            del volume  # before the next strip takes as much again
+        return _stacked(of_left), _stacked(of_right)
+
+    def _strips(self, height: int, row_bytes: int) -> Iterator[_Strip]:
+        """Cut an image into strips whose volumes keep the limit."""
+        rows = int(self.volume_limit_mb * 1e6 / row_bytes)
+        margin = self.aggregation.margin_px
+        step = height if rows >= height else max(GRID_ROWS, rows - 2 * margin)
+        for top in range(0, height, step):
+            bottom = min(top + step, height)
+            start, stop = max(0, top - margin), min(height, bottom + margin)
+            context = self.matching_cost.margin_px
+            first = max(0, start - context) // GRID_ROWS * GRID_ROWS
+            yield _Strip(
+                seen=slice(first, min(height, stop + context)),
+                costs=slice(start - first, stop - first),
+                result=slice(top - start, bottom - start),
+            )
+
+
+@dataclass(frozen=True)
+class _Strip:
+    """Some rows of an image, and those around them on which their result depends.
+
+    Attributes:
+        seen: rows of the image that the matching cost sees.
+        costs: rows that have costs, counted from the first that is seen.
+        result: rows that get a disparity, counted from the first that has costs.
+    """
+
+    seen: slice
+    costs: slice
+    result: slice
+
+
+def _as_tensor(image: Image, device: str | torch.device) -> Tensor:
+    """Return (H, W, 3) float32 in [0, 1] on `device`."""
+    return torch.from_numpy(np.divide(image, np.float32(255))).to(device)
+
+
+def _stacked(strips: list[DisparityMap[Tensor]]) -> DisparityMap[Tensor]:
+    """Put maps of strips below each other."""
+    return DisparityMap(
+        torch.cat([strip.values for strip in strips]),
+        torch.cat([strip.status for strip in strips]),
+        torch.cat([strip.confidence for strip in strips]),
+    )

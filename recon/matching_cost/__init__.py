@@ -1,0 +1,32 @@
+"""Stage one: how badly two pixels fit."""
+
+from recon.matching_cost.absolute_difference import AbsoluteDifference
+from recon.matching_cost.census import Census
+from recon.matching_cost.learned import LearnedCost
+from recon.matching_cost.ncc import NormalisedCrossCorrelation
+from recon.matching_cost.protocol import MatchingCost
+from recon.matching_cost.sad import SumOfAbsoluteDifferences
+from recon.matching_cost.ssd import SumOfSquaredDifferences
+from recon.matching_cost.zncc import ZeroMeanNormalisedCrossCorrelation
+
+__all__ = [
+    "MATCHING_COSTS",
+    "AbsoluteDifference",
+    "Census",
+    "LearnedCost",
+    "MatchingCost",
+    "NormalisedCrossCorrelation",
+    "SumOfAbsoluteDifferences",
+    "SumOfSquaredDifferences",
+    "ZeroMeanNormalisedCrossCorrelation",
+]
+
+MATCHING_COSTS: dict[str, type[MatchingCost]] = {
+    "absolute_difference": AbsoluteDifference,
+    "sad": SumOfAbsoluteDifferences,
+    "ssd": SumOfSquaredDifferences,
+    "ncc": NormalisedCrossCorrelation,
+    "zncc": ZeroMeanNormalisedCrossCorrelation,
+    "census": Census,
+    "cnn": LearnedCost,
+}

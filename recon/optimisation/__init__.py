@@ -1,0 +1,8 @@
+"""Stage three: which candidate a pixel gets."""
+
+from recon.optimisation.protocol import Optimisation
+from recon.optimisation.winner_takes_all import WinnerTakesAll
+
+__all__ = ["OPTIMISATIONS", "Optimisation", "WinnerTakesAll"]
+
+OPTIMISATIONS: dict[str, type[Optimisation]] = {"winner_takes_all": WinnerTakesAll}

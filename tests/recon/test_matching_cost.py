@@ -1,0 +1,106 @@
+"""What every matching cost promises."""
+
+import pytest
+import torch
+
+from recon.matching_cost import MATCHING_COSTS, Census, SumOfAbsoluteDifferences
+from recon.matching_cost import NormalisedCrossCorrelation as Ncc
+from recon.matching_cost import ZeroMeanNormalisedCrossCorrelation as Zncc
+from recon.networks import Architecture, FeatureNetwork, save_features
+
+
+@pytest.fixture(scope="module")
+def weights(tmp_path_factory):
+    """An untrained network in a file: equal patches have equal features all the same."""
+    path = tmp_path_factory.mktemp("weights") / "untrained.safetensors"
+    with torch.random.fork_rng():
+        torch.manual_seed(1)
+        save_features(path, FeatureNetwork(Architecture((16,), 2, 16)).eval(), about={})
+    return str(path)
+
+
+@pytest.fixture(params=sorted(MATCHING_COSTS))
+def cost(request, weights):
+    method = MATCHING_COSTS[request.param]
+    return method(weights=weights) if request.param == "cnn" else method()
+
+
+@pytest.mark.parametrize("shift", [-3, 0, 5])
+def test_the_true_shift_costs_least(cost, shift, texture):
+    left = texture(24, 48)
+    right = left.roll(-shift, dims=1)
+
+    volume = cost(left, right, range(-6, 9))
+
+    inner = volume.cost[8:-8, 16:-16]
+    assert (inner.argmin(2) - 6 == shift).float().mean() > 0.99
+
+
+@pytest.mark.parametrize("disparities", [range(4), range(2, 6), range(-5, -2)], ids=str)
+def test_exactly_the_candidates_outside_the_right_view_are_infinite(cost, disparities, texture):
+    left, right = texture(12, 20), texture(12, 20)
+
+    volume = cost(left, right, disparities)
+
+    partner = torch.arange(20)[:, None] - torch.tensor(list(disparities))
+    outside = (partner < 0) | (partner >= 20)
+    assert volume.disparities == disparities
+    assert torch.equal(volume.cost == float("inf"), outside.expand(12, -1, -1))
+    assert not volume.cost.isnan().any()
+    assert (volume.cost >= 0).all()
+
+
+def test_inputs_are_left_alone(cost, texture):
+    left, right = texture(12, 20), texture(12, 20)
+    before = left.clone(), right.clone()
+
+    cost(left, right, range(4))
+
+    assert torch.equal(left, before[0])
+    assert torch.equal(right, before[1])
+
+
+def test_a_margin_is_all_the_context_that_matters(cost, texture, assert_close):
+    left, right = texture(40, 24), texture(40, 24)
+    top, bottom = 16, 20
+    seen = slice(top - cost.margin_px, bottom + cost.margin_px)
+
+    strip = cost(left[seen], right[seen], range(3), rows=slice(cost.margin_px, cost.margin_px + 4))
+
+    assert_close(strip.cost, cost(left, right, range(3)).cost[top:bottom])
+
+
+def test_black_images_have_finite_costs(cost):
+    black = torch.zeros((9, 10, 3))
+
+    assert cost(black, black, range(1)).cost.isfinite().all()
+
+
+@pytest.mark.parametrize(
+    ("method", "change"),
+    [(Census(), lambda b: b**2), (Zncc(), lambda b: 0.5 * b + 0.2), (Ncc(), lambda b: 0.5 * b)],
+    ids=["census_gamma", "zncc_gain_and_offset", "ncc_gain"],
+)
+def test_a_change_of_light_costs_nothing(method, change, texture, assert_close):
+    left = texture(20, 20)[:, :, :1].expand(-1, -1, 3)
+
+    volume = method(left, change(left), range(1))
+
+    assert_close(volume.cost, torch.zeros((20, 20, 1)))
+
+
+@pytest.mark.parametrize(("rows", "columns"), [(4, 5), (5, 4), (9, 9), (1, 1)])
+def test_a_census_window_that_is_even_or_too_large_is_refused(rows, columns):
+    with pytest.raises(ValueError, match=f"at most 64 pixels, got {rows} x {columns}"):
+        Census(rows, columns)
+
+
+@pytest.mark.parametrize("method", [SumOfAbsoluteDifferences, Ncc])
+def test_a_negative_radius_is_refused(method):
+    with pytest.raises(ValueError, match=r"radius_px must .* got -1"):
+        method(radius_px=-1)
+
+
+def test_unknown_weights_are_refused(texture):
+    with pytest.raises(ValueError, match="no weights called 'nowhere'"):
+        MATCHING_COSTS["cnn"](weights="nowhere")(texture(8, 8), texture(8, 8), range(2))

@@ -1,0 +1,113 @@
+"""What every choice of a candidate promises, and how fine it is."""
+
+import pytest
+import torch
+
+from recon.matching_cost import MATCHING_COSTS
+from recon.optimisation import OPTIMISATIONS, WinnerTakesAll
+from recon.types import CostVolume, PixelStatus
+
+INF = float("inf")
+
+
+@pytest.fixture(params=sorted(OPTIMISATIONS))
+def optimisation(request):
+    return OPTIMISATIONS[request.param]()
+
+
+def volume_of(*pixels, first=0):
+    """One row of pixels, each a list of costs."""
+    cost = torch.tensor([pixels], dtype=torch.float32)
+    return CostVolume(cost, range(first, first + cost.shape[2]))
+
+
+def test_a_clear_winner_is_chosen_in_units_of_disparity(optimisation):
+    disparity = optimisation(volume_of([1, 1, 0, 1, 1], [1, 0, 1, 1, 1], first=-7))
+
+    assert disparity.values.tolist() == [[-5, -6]]
+    assert (disparity.status == int(PixelStatus.MATCHED)).all()
+
+
+def test_a_pixel_without_candidates_is_outside(optimisation):
+    disparity = optimisation(volume_of([INF, INF, INF], [INF, 0.5, INF]))
+
+    assert disparity.status.tolist() == [[int(PixelStatus.OUTSIDE), int(PixelStatus.MATCHED)]]
+    assert disparity.values.isnan().tolist() == [[True, False]]
+    assert disparity.confidence[0, 0] == 0
+
+
+def test_the_volume_is_left_alone(optimisation, generator):
+    cost = torch.rand((4, 5, 6), generator=generator)
+    before = cost.clone()
+
+    optimisation(CostVolume(cost, range(6)))
+
+    assert torch.equal(cost, before)
+
+
+def test_confidence_grows_with_the_margin_of_the_winner(optimisation):
+    equal, slight, clear, sure = (
+        [rival, 1, 1 - 0.001, 1, rival] if rival == 1 else [rival, 0.5, 0.1, 0.5, rival]
+        for rival in (1, 0.2, 0.4, 1000.0)
+    )
+
+    confidence = optimisation(volume_of(equal, slight, clear, sure)).confidence[0]
+
+    assert (confidence.diff() > 0).all()
+    assert confidence[0] < 0.01
+    assert confidence[-1] > 0.99
+
+
+def test_the_neighbours_of_the_winner_are_no_rivals():
+    confidence = WinnerTakesAll()(volume_of([1.0, 0.1001, 0.1, 0.1001, 1.0])).confidence
+
+    assert confidence.item() == pytest.approx(0.9)
+
+
+class TestSubpixel:
+    @pytest.mark.parametrize("lowest_at", [1.6, 2.0, 2.3, 2.49])
+    def test_the_lowest_point_of_a_parabola_is_found(self, lowest_at):
+        cost = [(k - lowest_at) ** 2 for k in range(5)]
+
+        assert WinnerTakesAll()(volume_of(cost)).values.item() == pytest.approx(lowest_at, 1e-5)
+
+    @pytest.mark.parametrize(
+        "cost",
+        [[0.1, 0.2, 0.9], [0.9, 0.2, 0.1], [INF, 0.1, 0.2], [0.2, 0.1, INF], [0.5, 0.5, 0.5]],
+        ids=["first", "last", "beside_missing", "before_missing", "flat"],
+    )
+    def test_without_two_higher_neighbours_the_candidate_itself_is_kept(self, cost):
+        value = WinnerTakesAll()(volume_of(cost)).values.item()
+
+        assert value == min(range(3), key=cost.__getitem__)
+
+    def test_it_can_be_left_out(self):
+        assert WinnerTakesAll(subpixel=False)(volume_of([0.9, 0.1, 0.2])).values.item() == 1
+
+    @pytest.mark.parametrize("method", ["ssd", "zncc"])
+    @pytest.mark.parametrize("true_disparity", [3.25, 3.5, 4.1])
+    def test_a_shifted_smooth_texture_is_located_within_a_fifth_of_a_pixel(
+        self, method, true_disparity, smooth_texture
+    ):
+        left = smooth_texture(40, 80)
+        columns = torch.arange(80) + true_disparity
+        low = columns.floor().long().clamp(max=78)
+        share = (columns - low).clamp(0, 1)[None, :, None]
+        right = left[:, low] * (1 - share) + left[:, low + 1] * share
+
+        volume = MATCHING_COSTS[method]()(left, right, range(9))
+        error = WinnerTakesAll()(volume).values[8:-8, 16:-16] - true_disparity
+
+        assert error.abs().mean() < 0.2
+        assert WinnerTakesAll(subpixel=False)(volume).values[8:-8, 16:-16].frac().abs().max() == 0
+
+
+def test_a_pair_of_pixels_has_one_cost_from_either_view(generator):
+    volume = CostVolume(torch.rand((3, 12, 7), generator=generator), range(-2, 5))
+
+    right = volume.seen_from_right()
+
+    for x in range(12):
+        for k, d in enumerate(volume.disparities):
+            expected = volume.cost[:, x + d, k] if 0 <= x + d < 12 else torch.full((3,), INF)
+            assert torch.equal(right.cost[:, x, k], expected)

@@ -1,0 +1,154 @@
+"""What every refinement promises."""
+
+import pytest
+import torch
+
+from recon.refinement import REFINEMENTS, DomainTransform
+from recon.types import DisparityMap, PixelStatus
+
+NAN = float("nan")
+HEIGHT, WIDTH = 40, 50
+
+
+@pytest.fixture(params=sorted(REFINEMENTS))
+def refinement(request):
+    return REFINEMENTS[request.param]()
+
+
+@pytest.fixture(params=sorted(REFINEMENTS))
+def strong(request):
+    """With a wide reach, to see how far it goes."""
+    method = REFINEMENTS[request.param]
+    return method() if method is DomainTransform else method(radius_px=6)
+
+
+@pytest.fixture
+def gaps(generator):
+    mask = torch.rand((HEIGHT, WIDTH), generator=generator) < 0.2
+    mask[:8, :8] = True
+    return mask
+
+
+def of(values):
+    """A map that is matched or filled where there are values."""
+    valid = ~values.isnan()
+    status = torch.full(values.shape, int(PixelStatus.MATCHED), dtype=torch.uint8)
+    status[::2] = int(PixelStatus.FILLED_MISMATCH)
+    return DisparityMap(values, status.masked_fill(~valid, int(PixelStatus.OCCLUDED)), 0.5 * valid)
+
+
+def grey(height=HEIGHT, width=WIDTH):
+    return torch.full((height, width, 3), 0.5)
+
+
+def test_a_constant_stays_constant_beside_gaps(refinement, gaps, texture, assert_close):
+    disparity = of(torch.full((HEIGHT, WIDTH), 17.0).masked_fill(gaps, NAN))
+
+    result = refinement(disparity, guide=texture(HEIGHT, WIDTH))
+
+    assert_close(result.values, disparity.values)
+
+
+def test_status_and_confidence_are_kept(refinement, gaps, texture, generator):
+    values = torch.rand((HEIGHT, WIDTH), generator=generator)
+    disparity = of(values.masked_fill(gaps, NAN))
+    before = disparity.values.clone()
+
+    result = refinement(disparity, guide=texture(HEIGHT, WIDTH))
+
+    assert torch.equal(result.status, disparity.status)
+    assert torch.equal(result.confidence, disparity.confidence)
+    assert torch.equal(disparity.values.nan_to_num(), before.nan_to_num())
+
+
+def test_noise_on_a_plain_surface_is_reduced_to_a_half(strong, generator):
+    noise = torch.rand((HEIGHT, WIDTH), generator=generator)
+
+    result = strong(of(noise), guide=grey())
+
+    assert result.values.std() < noise.std() / 2
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+def test_stripes_along_either_axis_are_smoothed(strong, axis):
+    """A filter of rows alone would leave stripes along the rows as they are."""
+    position = torch.arange(HEIGHT if axis == 0 else WIDTH)
+    stripes = (position % 3 == 0).float()
+    values = stripes[:, None].expand(HEIGHT, WIDTH) if axis == 0 else stripes.expand(HEIGHT, WIDTH)
+
+    result = strong(of(values.contiguous()), guide=grey())
+
+    inner = result.values[6:-6, 6:-6]
+    assert inner.max() - inner.min() < 0.2
+
+
+def test_the_largest_step_between_pixels_falls_along_both_axes(refinement, generator):
+    noise = torch.rand((HEIGHT, WIDTH), generator=generator)
+
+    result = refinement(of(noise), guide=grey())
+
+    for axis in (0, 1):
+        assert result.values.diff(dim=axis).abs().mean() < noise.diff(dim=axis).abs().mean() / 1.5
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+@pytest.mark.parametrize("name", ["domain_transform", "weighted_median"])
+def test_a_strong_edge_of_the_guide_is_not_crossed(name, axis, generator):
+    guide, values = grey(), torch.full((HEIGHT, WIDTH), 5.0)
+    guide[:] = 0.0
+    guide.narrow(axis, 20, guide.shape[axis] - 20).fill_(1.0)
+    values.narrow(axis, 20, guide.shape[axis] - 20).fill_(25.0)
+
+    result = REFINEMENTS[name]()(of(values), guide=guide)
+
+    # What leaks through the step of 1 + 3 * sigma_space / sigma_range is less than rounding.
+    torch.testing.assert_close(result.values, values, rtol=0, atol=1e-3)
+
+
+def test_an_edge_without_an_edge_in_the_guide_is_smoothed_by_the_domain_transform():
+    values = torch.full((HEIGHT, WIDTH), 5.0)
+    values[:, 25:] = 25.0
+
+    result = DomainTransform()(of(values), guide=grey())
+
+    assert (result.values[:, 15:35].diff(dim=1) > 0).all()
+
+
+def test_a_trusted_disparity_weighs_more_if_confidence_counts():
+    values = torch.zeros((1, 21))
+    values[0, 10] = 1.0
+    status = torch.full((1, 21), int(PixelStatus.MATCHED), dtype=torch.uint8)
+    trusted = torch.full((1, 21), 0.1)
+    trusted[0, 10] = 1.0
+
+    plain, weighted = (
+        DomainTransform(confidence_weighted=weighted)(
+            DisparityMap(values, status, trusted), guide=grey(1, 21)
+        ).values
+        for weighted in (False, True)
+    )
+
+    assert (weighted > plain).all()
+
+
+def test_pixels_without_any_confidence_keep_a_disparity(texture):
+    values = torch.ones((6, 7))
+    status = torch.full((6, 7), int(PixelStatus.MATCHED), dtype=torch.uint8)
+
+    result = DomainTransform(confidence_weighted=True)(
+        DisparityMap(values, status, torch.zeros(6, 7)), guide=texture(6, 7)
+    )
+
+    assert torch.equal(result.values, values)
+
+
+@pytest.mark.parametrize("setting", ["sigma_space_px", "sigma_range", "iterations"])
+def test_a_setting_that_is_not_positive_is_refused(setting):
+    with pytest.raises(ValueError, match=f"{setting} must be positive, got 0"):
+        DomainTransform(**{setting: 0})
+
+
+@pytest.mark.parametrize("name", ["median", "weighted_median"])
+def test_a_negative_radius_is_refused(name):
+    with pytest.raises(ValueError, match="radius_px must not be negative, got -1"):
+        REFINEMENTS[name](radius_px=-1)
