@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -55,3 +57,12 @@ def smooth_texture(generator) -> Callable[[int, int], Tensor]:
         return image[0].permute(1, 2, 0).clamp(0, 1).contiguous()
 
     return make
+
+
+@pytest.fixture
+def datasets() -> Path:
+    """Return the folder of real photographs; the test is skipped where there is none."""
+    folder = os.environ.get("RECON_DATASETS")
+    if not folder:
+        pytest.skip("RECON_DATASETS names no folder of data sets")
+    return Path(folder)

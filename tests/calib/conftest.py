@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -40,11 +38,3 @@ def make_rig(make_camera: Callable[..., Camera]) -> Callable[..., StereoCalibrat
         return StereoCalibration(left, right, pose)
 
     return make
-
-
-@pytest.fixture
-def datasets() -> Path:
-    folder = os.environ.get("RECON_DATASETS")
-    if not folder:
-        pytest.skip("RECON_DATASETS names no folder of data sets")
-    return Path(folder)
