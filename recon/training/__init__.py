@@ -1,0 +1,1 @@
+"""Procedural stereo scenes, and the network that is trained on them."""
