@@ -1,0 +1,80 @@
+"""The whole path: rectify, match, triangulate, mesh."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+
+from calib.pair import RectifiedPair, StereoPair
+from calib.rectify import Rectifier
+from recon.disparity_range import check_range, estimate_range
+from recon.observer import Observer, ignore
+from recon.settings import Preset
+from recon.triangulation import depth_map, triangulate
+from recon.types import Array, DisparityMap, Mesh, PointCloud
+
+__all__ = ["Reconstruction", "reconstruct"]
+
+
+@dataclass(frozen=True, eq=False)
+class Reconstruction:
+    """What a pair turned into.
+
+    Attributes:
+        pair: the rectified images and their geometry; everything below refers to them.
+        disparities: the candidates that were searched, pixels.
+        disparity: (H, W) of the left view.
+        depth: (H, W) float32 metres, NaN where there is none.
+        cloud: the trustworthy pixels in space.
+        mesh: the same pixels joined to surfaces.
+    """
+
+    pair: RectifiedPair
+    disparities: range
+    disparity: DisparityMap[Array]
+    depth: Array
+    cloud: PointCloud
+    mesh: Mesh
+
+
+def reconstruct(
+    pair: StereoPair | RectifiedPair,
+    preset: Preset,
+    *,
+    disparities: range | None = None,
+    device: str | torch.device = "cpu",
+    observe: Observer = ignore,
+) -> Reconstruction:
+    """Turn a pair of photographs into surfaces.
+
+    Args:
+        pair: raw with the calibration of its rig, or rectified already.
+        preset: see `recon.load_preset`.
+        disparities: candidates d = x_left - x_right in pixels; estimated if not given.
+        device: where the matcher computes.
+        observe: told every intermediate result.
+
+    Raises:
+        ValueError: if the range of disparities is empty or does not fit the images.
+    """
+    if isinstance(pair, StereoPair):
+        observe("input/raw", pair)
+        pair = Rectifier(pair.calibration)(pair)
+    observe("input/rectified", pair)
+    if disparities is None:
+        disparities = estimate_range(pair)
+        observe("disparity_range", disparities)
+    check_range(disparities, pair.left.shape[1])
+
+    disparity = preset.matcher(pair, disparities, device=device, observe=observe)
+    depth = depth_map(disparity, pair.geometry)
+    observe("depth", depth)
+
+    kept = preset.triangulation.kept_pixels(disparity, pair.geometry)
+    sigma_px = preset.triangulation.disparity_sigma_px
+    cloud = triangulate(disparity, pair, kept=kept, disparity_sigma_px=sigma_px)
+    observe("cloud", cloud)
+    mesh = preset.meshing(disparity, pair, kept=kept)
+    observe("mesh", mesh)
+    return Reconstruction(pair, disparities, disparity, depth, cloud, mesh)
