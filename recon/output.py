@@ -1,0 +1,116 @@
+"""What a reconstruction leaves on disk."""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from recon.files import (
+    write_depth_png,
+    write_disparity_png,
+    write_glb,
+    write_pfm,
+    write_ply,
+    write_status_png,
+)
+from recon.pipeline import Reconstruction
+
+__all__ = ["OUTPUTS", "all_or_nothing", "write_results"]
+
+OUTPUTS = {
+    "disparity.pfm": "disparity of the left view in pixels, float; inf where there is none",
+    "disparity.png": "the same as colours, with a bar",
+    "depth.png": "depth in millimetres, 16 bit; 0 where there is none",
+    "status.png": "why each pixel has a disparity, or has none",
+    "cloud.ply": "points in metres with colour, confidence, depth_sigma_m and status",
+    "mesh.glb": "surfaces with the left photograph as texture, metres, y up",
+    "mesh_vertex_colours.glb": "the same with colours at the vertices",
+    "recording.rrd": "every stage, for Rerun",
+    "run.json": "settings, versions, times, counts and the metric sanity line",
+}
+
+
+@contextmanager
+def all_or_nothing(folder: Path) -> Iterator[Path]:
+    """Give a new folder inside `folder`; its files move into `folder` if nothing went wrong.
+
+    Then those of `OUTPUTS` that an earlier run left and this one did not make are removed: a
+    recording beside the mesh of another run would mislead. If something went wrong, `folder` and
+    its parents are as before, or missing as before.
+
+    Args:
+        folder: made if it does not exist.
+
+    Yields:
+        Where to write.
+
+    Raises:
+        ValueError: if the folder cannot be made or written to.
+    """
+    made: list[Path] = []
+    unfinished = None
+    try:
+        try:
+            made = [place for place in (folder, *folder.parents) if not place.exists()]
+            unfinished = _writable(folder)
+        except OSError as error:
+            raise ValueError(
+                f"cannot write to {folder}: {error.strerror}; choose another folder with -o"
+            ) from error
+        yield unfinished
+        _moved(unfinished, folder)
+        made = []
+    finally:
+        if unfinished is not None:
+            shutil.rmtree(unfinished, ignore_errors=True)
+        for place in made:
+            with suppress(OSError):
+                place.rmdir()
+
+
+def _writable(folder: Path) -> Path:
+    """Return a new folder inside `folder`, so on the same disk; make `folder` if need be."""
+    if folder.exists() and not folder.is_dir():
+        raise ValueError(f"{folder} is a file; give a folder to write to")
+    in_the_way = [name for name in OUTPUTS if (folder / name).is_dir()]
+    if in_the_way:
+        raise ValueError(f"{folder / in_the_way[0]} is a folder; a file of this name is written")
+    folder.mkdir(parents=True, exist_ok=True)
+    return Path(tempfile.mkdtemp(prefix=".unfinished-", dir=folder))
+
+
+def _moved(unfinished: Path, folder: Path) -> None:
+    """Move the files of one folder into another, in place of those of an earlier run."""
+    names = sorted(path.name for path in unfinished.iterdir())
+    for name in names:
+        (unfinished / name).replace(folder / name)
+    for name in OUTPUTS.keys() - set(names):
+        (folder / name).unlink(missing_ok=True)
+
+
+def write_results(folder: Path, result: Reconstruction) -> None:
+    """Write all of `OUTPUTS` but the recording and run.json.
+
+    Args:
+        folder: exists.
+        result: of `reconstruct`.
+
+    Raises:
+        ValueError: if there is nothing to write, as when no pixel was matched.
+    """
+    if not len(result.mesh.faces):
+        raise ValueError(
+            "no surface was found: hardly a pixel was matched; is the pair rectified, and does "
+            f"the range {result.disparities[0]} to {result.disparities[-1]} px fit it?"
+        )
+    disparity = result.disparity
+    write_pfm(folder / "disparity.pfm", disparity.values)
+    write_disparity_png(folder / "disparity.png", disparity.values)
+    write_depth_png(folder / "depth.png", result.depth)
+    write_status_png(folder / "status.png", disparity.status)
+    write_ply(folder / "cloud.ply", result.cloud)
+    write_glb(folder / "mesh.glb", result.mesh)
+    write_glb(folder / "mesh_vertex_colours.glb", result.mesh, vertex_colours=True)

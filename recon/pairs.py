@@ -1,0 +1,176 @@
+"""From files to a pair that can be reconstructed."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from calib.formats import CalibrationRecord, read_calibration
+from calib.pair import Image, RectifiedPair, StereoPair
+from calib.rectify import Rectifier
+from recon.files import read_image_pair, read_side_by_side
+
+__all__ = ["PairOnDisk", "RangeRequest", "read_pair"]
+
+LEAST_CONTRAST = 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class PairOnDisk:
+    """A pair that was read, and what was learned on the way.
+
+    Attributes:
+        pair: raw or rectified.
+        disparities: the range that the calibration suggests; None if it says nothing.
+        inputs: the files it was read from, and how they were taken.
+        notes: what a person should know, in sentences.
+    """
+
+    pair: StereoPair | RectifiedPair
+    disparities: range | None
+    inputs: dict[str, str]
+    notes: tuple[str, ...]
+
+
+def read_pair(
+    left: str | Path,
+    right: str | Path | None,
+    calibration: str | Path,
+    *,
+    rectified: bool | None = None,
+    scale: float = 1.0,
+) -> PairOnDisk:
+    """Read two photographs and their calibration.
+
+    Args:
+        left: picture of the left camera.
+        right: picture of the right camera; None if `left` shows both side by side.
+        calibration: file in any format of `calib.formats`.
+        rectified: whether the rows of the pictures agree already. None takes raw where the
+            calibration has raw cameras for this size, and says so in the notes.
+        scale: the rectified pair is resized by this, its geometry with it.
+
+    Raises:
+        FileNotFoundError: if a file is missing.
+        ValueError: if a file is not what it should be; the message names it.
+    """
+    if not 0 < scale <= 4:
+        raise ValueError(f"scale must lie between 0 and 4, got {scale}")
+    images = read_image_pair(left, right) if right is not None else read_side_by_side(left)
+    for image, path in zip(images, (left, right or left), strict=True):
+        if image.std() < LEAST_CONTRAST:
+            raise ValueError(
+                f"{path} shows one colour only (standard deviation {image.std():.2f} of 255); "
+                "was a lens covered, or the exposure far off?"
+            )
+    height, width = images[0].shape[:2]
+    record = read_calibration(calibration, image_size=(width, height))
+    pair, notes = _with_calibration(images, record, rectified)
+    inputs = {
+        "left": str(left),
+        "right": str(right if right is not None else left),
+        "calibration": str(calibration),
+        "calibration format": record.format,
+        "taken as": "raw" if isinstance(pair, StereoPair) else "rectified",
+        "scale": str(scale),
+    }
+    disparities = record.disparities
+    if scale != 1.0:
+        pair = _resized(pair, scale)
+        disparities = _scaled(disparities, pair.left.shape[1] / width)
+    return PairOnDisk(pair, disparities, inputs, notes)
+
+
+def _with_calibration(
+    images: tuple[Image, Image], record: CalibrationRecord, rectified: bool | None
+) -> tuple[StereoPair | RectifiedPair, tuple[str, ...]]:
+    """Put images and calibration together, as raw or as rectified."""
+    notes = record.notes
+    if rectified is None:
+        rectified = record.raw is None
+        if record.raw is not None and record.rectified is not None:
+            notes = (
+                *notes,
+                "the calibration holds raw and rectified cameras of this size: the images are "
+                "taken as raw; say --rectified if their rows agree already",
+            )
+    if rectified and record.rectified is not None:
+        return RectifiedPair(*images, record.rectified), notes
+    if not rectified and record.raw is not None:
+        return StereoPair(*images, record.raw), notes
+    asked, held = ("rectified", "raw") if rectified else ("raw", "rectified")
+    raise ValueError(
+        f"{record.source} describes {held} images of this size only, but the images were said to "
+        f"be {asked}; leave out --{asked}, or give another calibration"
+    )
+
+
+def _resized(pair: StereoPair | RectifiedPair, scale: float) -> RectifiedPair:
+    """Rectify if need be, and resize both images and the geometry in the same step."""
+    if isinstance(pair, StereoPair):
+        pair = Rectifier(pair.calibration)(pair)
+    height, width = pair.left.shape[:2]
+    size = max(1, round(width * scale)), max(1, round(height * scale))
+    how = cv2.INTER_AREA if scale < 1 else cv2.INTER_CUBIC
+    left, right = (cv2.resize(image, size, interpolation=how) for image in (pair.left, pair.right))
+    return RectifiedPair(
+        np.ascontiguousarray(left), np.ascontiguousarray(right), pair.geometry.resized(size)
+    )
+
+
+def _scaled(disparities: range | None, factor: float) -> range | None:
+    """Return a range that covers the same points at another size."""
+    if disparities is None:
+        return None
+    first = math.floor(disparities[0] * factor)
+    last = math.ceil(disparities[-1] * factor)
+    return range(first, last + 1)
+
+
+@dataclass(frozen=True)
+class RangeRequest:
+    """The disparities that a person asked for, in pixels of the pictures as given.
+
+    Attributes:
+        low: the smallest; None leaves it to the calibration.
+        high: the largest; None likewise.
+        scale: of the pair that is matched.
+    """
+
+    low: int | None = None
+    high: int | None = None
+    scale: float = 1.0
+
+    def applied_to(self, suggested: range | None) -> range | None:
+        """Return the range to search, at the size that is matched; None if it must be estimated.
+
+        Args:
+            suggested: by the calibration, at the size that is matched.
+
+        Raises:
+            ValueError: if only one end is known, or the range is empty.
+        """
+        if self.low is None and self.high is None:
+            return suggested
+        if suggested is None and (self.low is None or self.high is None):
+            raise ValueError(
+                "give --min-disparity and --max-disparity both: the calibration suggests no range"
+            )
+        first = suggested.start if self.low is None else math.floor(self.low * self.scale)  # type: ignore[union-attr]
+        last = suggested.stop - 1 if self.high is None else math.ceil(self.high * self.scale)  # type: ignore[union-attr]
+        if last <= first:
+            raise ValueError(
+                f"disparity range is empty: from {first} to {last} px at the size that is "
+                "matched; the maximum must lie above the minimum"
+            )
+        return range(first, last + 1)
+
+    def origin(self, suggested: range | None) -> str:
+        """Return where the range comes from, in words."""
+        if self.low is not None or self.high is not None:
+            return "the command line"
+        return "an estimate from the images" if suggested is None else "the calibration"

@@ -1,0 +1,95 @@
+"""What a run says of itself: settings, versions, times, counts, and one line on the units."""
+
+from __future__ import annotations
+
+import platform
+from collections.abc import Mapping
+from dataclasses import asdict
+from importlib import metadata
+from typing import Any
+
+import numpy as np
+import torch
+
+from calib.rig import RectifiedGeometry
+from recon.pipeline import Reconstruction
+from recon.settings import Preset, spelled_out
+from recon.types import Array, PixelStatus
+
+__all__ = ["run_report", "sanity_line", "status_counts", "versions"]
+
+PACKAGES = (
+    "stereo-recon",
+    "numpy",
+    "torch",
+    "numba",
+    "opencv-python-headless",
+    "open3d",
+    "trimesh",
+    "rerun-sdk",
+)
+
+
+def run_report(
+    result: Reconstruction, preset: Preset, *, device: str, seconds: Mapping[str, float]
+) -> dict[str, Any]:
+    """Return all that is needed to understand a result, or to make it again.
+
+    Args:
+        result: of `reconstruct`.
+        preset: that it was made with.
+        device: where the matcher computed.
+        seconds: of each stage.
+    """
+    geometry = result.pair.geometry
+    sigma_px = preset.triangulation.disparity_sigma_px
+    return {
+        "metric sanity": sanity_line(geometry, result.depth, sigma_px),
+        "disparities": {"from": result.disparities[0], "to": result.disparities[-1]},
+        "pixels per status": status_counts(result.disparity.status),
+        "points": len(result.cloud),
+        "triangles": len(result.mesh.faces),
+        "seconds": {stage: round(value, 4) for stage, value in seconds.items()},
+        "device": torch.cuda.get_device_name() if device == "cuda" else device,
+        "geometry": asdict(geometry),
+        "settings": spelled_out(preset),
+        "versions": versions(),
+    }
+
+
+def status_counts(status: Array) -> dict[str, int]:
+    """Return how many pixels are in each state, by its name in lower case."""
+    return {state.name.lower(): int((status == state).sum()) for state in PixelStatus}
+
+
+def versions() -> dict[str, str]:
+    """Return the versions of everything that can change a result."""
+    found = {"python": platform.python_version(), "machine": platform.machine()}
+    for package in PACKAGES:
+        try:
+            found[package] = metadata.version(package)
+        except metadata.PackageNotFoundError:
+            found[package] = "not installed"
+    return found
+
+
+def sanity_line(geometry: RectifiedGeometry, depth: Array, disparity_sigma_px: float) -> str:
+    """Return one line by which a person sees whether the units can be right.
+
+    Args:
+        geometry: of the pair.
+        depth: (H, W) metres, NaN where there is none.
+        disparity_sigma_px: standard deviation of a disparity.
+    """
+    start = (
+        f"f {geometry.focal_px:.1f} px, baseline {geometry.baseline_m:.4f} m, "
+        f"disparity at infinity {geometry.disparity_at_infinity:.2f} px"
+    )
+    if np.isnan(depth).all():
+        return f"{start}; no depth"
+    near, median, far = np.nanpercentile(depth, [1, 50, 99])
+    sigma = median**2 / (geometry.focal_px * geometry.baseline_m) * disparity_sigma_px
+    return (
+        f"{start}; depth {near:.2f} to {far:.2f} m (1 to 99 %), median {median:.2f} m; "
+        f"expected sigma_z there {sigma * 1000:.1f} mm ({disparity_sigma_px:g} px)"
+    )

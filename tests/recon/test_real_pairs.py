@@ -1,0 +1,136 @@
+"""The whole path on real photographs; skipped unless RECON_DATASETS names the folder of them."""
+
+import json
+
+import cv2
+import numpy as np
+import open3d
+import pytest
+import trimesh
+
+from benchmarks.accuracy import table
+from calib import Camera, Pose, StereoCalibration, write_calibration
+from recon.cli import main
+from recon.files import read_pfm, read_ply
+from recon.output import OUTPUTS
+
+pytestmark = pytest.mark.slow
+
+Q_SCENES = ["Motorcycle", "Adirondack", "Piano", "Pipes", "Teddy"]
+
+
+def run(*arguments) -> None:
+    main([str(argument) for argument in arguments])
+
+
+def report_of(out) -> dict:
+    return json.loads((out / "run.json").read_text())
+
+
+@pytest.mark.parametrize("scene", Q_SCENES)
+def test_paper_errs_less_than_semi_global_matching_where_both_cameras_see(scene, datasets):
+    ours, rival = (table(datasets, method, [scene])[scene] for method in ("paper", "opencv-sgbm"))
+
+    assert ours[0] < rival[0], (ours, rival)
+
+
+def test_all_outputs_of_a_middlebury_pair_fit_together(datasets, tmp_path):
+    folder = datasets / "middlebury-v3" / "Q" / "Teddy"
+
+    run("pair", folder / "im0.png", folder / "im1.png", "--calib", folder / "calib.txt",
+        "-o", tmp_path / "out")  # fmt: skip
+
+    out = tmp_path / "out"
+    assert {path.name for path in out.iterdir()} == set(OUTPUTS)
+    cloud = read_ply(out / "cloud.ply")
+    mesh = trimesh.load(out / "mesh.glb", force="mesh")
+    seen = open3d.io.read_triangle_mesh(str(out / "mesh.glb"))
+    low, high = cloud.points.min(0), cloud.points.max(0)
+    assert report_of(out)["points"] == len(cloud)
+    # y up and z towards the viewer: (x, -y, -z); the mesh leaves small islands out
+    assert (mesh.bounds[0] >= [low[0] - 1e-3, -high[1] - 1e-3, -high[2] - 1e-3]).all()
+    assert (mesh.bounds[1] <= [high[0] + 1e-3, -low[1] + 1e-3, -low[2] + 1e-3]).all()
+    np.testing.assert_allclose(seen.get_min_bound(), mesh.bounds[0], atol=1e-4)
+
+
+@pytest.mark.parametrize("frame", ["000002", "000003"])
+def test_kitti_depths_agree_with_the_laser(frame, datasets, tmp_path):
+    kitti = datasets / "kitti" / "2015"
+
+    run("pair", kitti / "image_2" / f"{frame}_10.png", kitti / "image_3" / f"{frame}_10.png",
+        "--calib", kitti / "calib_cam" / f"{frame}.txt", "-o", tmp_path / "out",
+        "--recording", "none")  # fmt: skip
+
+    found = read_pfm(tmp_path / "out" / "disparity.pfm")
+    truth = cv2.imread(str(kitti / "disp_noc_0" / f"{frame}_10.png"), cv2.IMREAD_UNCHANGED) / 256
+    error = np.abs(found - truth)[truth > 0]
+    bad = (error > 3) & (error > 0.05 * truth[truth > 0])
+    report = report_of(tmp_path / "out")
+    assert report["geometry"]["baseline_m"] == pytest.approx(0.5327, abs=1e-3)
+    assert report["disparity range from"] == "an estimate from the images"
+    assert report["disparities"]["to"] >= truth.max()
+    assert bad.mean() < 0.10  # D1 of the pixels both cameras see
+
+
+def test_the_grey_kitti_odometry_pair_goes_through(datasets, tmp_path):
+    sequence = datasets / "sequences" / "kitti-odometry-snippet"
+    left, right = (sorted((sequence / f"image_{side}").iterdir())[0] for side in (0, 1))
+
+    run("pair", left, right, "--calib", sequence / "calib.txt", "-o", tmp_path / "out",
+        "--recording", "none")  # fmt: skip
+
+    depth = cv2.imread(str(tmp_path / "out" / "depth.png"), cv2.IMREAD_UNCHANGED) / 1000
+    assert 5 < np.median(depth[depth > 0]) < 40  # a street
+
+
+def test_a_pair_with_a_k_txt_goes_through(datasets, tmp_path):
+    folder = datasets / "other" / "foundationstereo-demo"
+
+    run("pair", folder / "left.png", folder / "right.png", "--calib", folder / "K.txt",
+        "-o", tmp_path / "out", "--recording", "none")  # fmt: skip
+
+    depth = cv2.imread(str(tmp_path / "out" / "depth.png"), cv2.IMREAD_UNCHANGED) / 1000
+    assert 0.3 < np.median(depth[depth > 0]) < 3  # a table top
+
+
+def calibrated_from_boards(folder, *, corners=(9, 6), square_m=0.025) -> StereoCalibration:
+    """Calibrate a rig from photographs of a chessboard with OpenCV."""
+    board = np.zeros((corners[0] * corners[1], 3), np.float32)
+    board[:, :2] = np.mgrid[: corners[0], : corners[1]].T.reshape(-1, 2) * square_m
+    found = [[], []]
+    for name in sorted(path.name for path in (folder / "left").iterdir()):
+        views = [
+            cv2.imread(str(folder / side / name.replace("left", side)), cv2.IMREAD_GRAYSCALE)
+            for side in ("left", "right")
+        ]
+        seen = [cv2.findChessboardCornersSB(view, corners) for view in views]
+        if all(success for success, _ in seen):
+            for points, (_, where) in zip(found, seen, strict=True):
+                points.append(where)
+    size = views[0].shape[::-1]
+    boards = [board] * len(found[0])
+    (_, K1, d1, *_), (_, K2, d2, *_) = (
+        cv2.calibrateCamera(boards, points, size, None, None) for points in found
+    )
+    rms, K1, d1, K2, d2, R, t, *_ = cv2.stereoCalibrate(
+        boards, *found, K1, d1, K2, d2, size, flags=cv2.CALIB_FIX_INTRINSIC
+    )
+    assert rms < 1
+    return StereoCalibration(
+        Camera(size, K1, d1.ravel()), Camera(size, K2, d2.ravel()), Pose(R, t.ravel())
+    )
+
+
+def test_a_raw_side_by_side_photograph_goes_through(datasets, tmp_path):
+    folder = datasets / "calibration" / "stereopi-chessboard"
+    write_calibration(tmp_path / "rig.json", calibrated_from_boards(folder))
+
+    photograph = folder / "scenes" / "photo_640x240_side_by_side.png"
+    run("pair", photograph, "--calib", tmp_path / "rig.json", "-o", tmp_path / "out",
+        "--recording", "none")  # fmt: skip
+
+    report = report_of(tmp_path / "out")
+    assert report["inputs"]["taken as"] == "raw"
+    assert report["geometry"]["baseline_m"] == pytest.approx(0.0574, rel=0.02)
+    depth = cv2.imread(str(tmp_path / "out" / "depth.png"), cv2.IMREAD_UNCHANGED) / 1000
+    assert 0.5 < np.median(depth[depth > 0]) < 6  # a room

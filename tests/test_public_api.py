@@ -1,0 +1,49 @@
+"""The names that other people's programs may use."""
+
+import importlib
+import inspect
+
+import pytest
+from test_architecture import FILES
+
+PUBLIC = {
+    "calib": """CalibrationRecord Camera CameraModel Image LengthUnit Pose RectifiedGeometry
+        RectifiedPair Rectifier StereoCalibration StereoPair read_calibration write_calibration""",
+    "calib.formats": """READERS WRITERS CalibrationFile CalibrationRecord LengthUnit Reader Writer
+        read_calibration write_calibration""",
+    "recon": "Preset Reconstruction load_preset read_pair reconstruct",
+    "recon.aggregation": """AGGREGATIONS Aggregation BilateralAggregation BoxAggregation
+        NoAggregation""",
+    "recon.files": """atomic read_image read_image_pair read_pfm read_ply read_side_by_side
+        write_depth_png write_disparity_png write_glb write_image write_json write_pfm write_ply
+        write_status_png""",
+    "recon.matching_cost": """MATCHING_COSTS AbsoluteDifference Census LearnedCost MatchingCost
+        NormalisedCrossCorrelation SumOfAbsoluteDifferences SumOfSquaredDifferences
+        ZeroMeanNormalisedCrossCorrelation""",
+    "recon.networks": """Architecture FeatureNetwork load_features save_features shipped_weights""",
+    "recon.optimisation": "OPTIMISATIONS Optimisation WinnerTakesAll",
+    "recon.refinement": "REFINEMENTS DomainTransform Median Refinement WeightedMedian",
+    "recon.viewer": "Drawing Limits RerunObserver archetypes open_recording",
+}
+
+
+@pytest.mark.parametrize("name", PUBLIC)
+def test_a_package_offers_these_names_and_no_others(name):
+    assert sorted(importlib.import_module(name).__all__) == sorted(PUBLIC[name].split())
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_every_listed_name_exists_and_is_explained(name):
+    module = importlib.import_module(name)
+
+    for listed in getattr(module, "__all__", ()):
+        value = getattr(module, listed)
+        if inspect.isfunction(value) or inspect.isclass(value):
+            assert value.__doc__, f"{name}.{listed} has no docstring"
+
+
+def test_a_name_that_the_package_lacks_is_an_attribute_error():
+    recon = importlib.import_module("recon")
+
+    with pytest.raises(AttributeError, match="module 'recon' has no attribute 'reconstruction'"):
+        recon.reconstruction  # noqa: B018
