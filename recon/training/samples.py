@@ -13,7 +13,7 @@ from torch import Tensor
 
 from calib import RectifiedGeometry, write_calibration
 from calib.formats import CalibrationRecord
-from recon.files import write_image, write_pfm
+from recon.files import write_image
 from recon.training.composition import (
     Coat,
     Place,
@@ -190,8 +190,8 @@ def _write(folder: Path, sample: StereoSample) -> None:
     for side, image in (("left", sample.left), ("right", sample.right)):
         sensor = image + 0.006 * torch.randn(image.shape, generator=noise)
         write_image(folder / f"{side}.png", (sensor.clamp(0, 1) * 255).round().byte().numpy())
-    truth = sample.disparity_left.numpy()
-    write_pfm(folder / "disparity_truth.pfm", truth)
+    truth = (sample.disparity_left * 256).round().numpy().astype(np.uint16)
+    write_image(folder / "disparity_truth.png", truth)
     write_image(folder / "visible.png", 255 * sample.visible.numpy().astype(np.uint8))
     geometry = RectifiedGeometry(
         (VIEW.width, VIEW.height), VIEW.focal_px, VIEW.centre, VIEW.centre, VIEW.baseline_m
