@@ -10,10 +10,11 @@ import trimesh
 
 HEIGHT = 405
 BACKGROUND = 250
+FILLED = 0.97
 
 
 def seen_from(vertices: np.ndarray, turn: float, tilt: float) -> np.ndarray:
-    """Turn vertices (V, 3) in glTF axes about their middle; return (V, 3) with z towards the eye."""
+    """Turn vertices (V, 3) in glTF axes about their middle; return (V, 3), z to the eye."""
     middle = np.median(vertices, axis=0)
     about_y = np.array(
         [[math.cos(turn), 0, math.sin(turn)], [0, 1, 0], [-math.sin(turn), 0, math.cos(turn)]]
@@ -31,8 +32,10 @@ def drawn(mesh: trimesh.Trimesh, width: int) -> np.ndarray:
     rows = ((1 - uv[:, 1]) * texture.shape[0]).astype(int).clip(0, texture.shape[0] - 1)
     columns = (uv[:, 0] * texture.shape[1]).astype(int).clip(0, texture.shape[1] - 1)
     turned = seen_from(mesh.vertices, math.radians(32), math.radians(12))
-    scale = 0.21 * HEIGHT
-    flat = np.stack([width / 2 + scale * turned[:, 0], HEIGHT / 2 - scale * turned[:, 1]], 1)
+    low, high = turned[:, :2].min(0), turned[:, :2].max(0)
+    scale = FILLED * min(width / (high[0] - low[0]), HEIGHT / (high[1] - low[1]))
+    centred = scale * (turned[:, :2] - (low + high) / 2)
+    flat = np.stack([width / 2 + centred[:, 0], HEIGHT / 2 - centred[:, 1]], 1)
     corners = (flat[mesh.faces] * 16).round().astype(np.int32)
     picture = np.full((HEIGHT, width, 3), BACKGROUND, np.uint8)
     for face in np.argsort(turned[mesh.faces, 2].mean(1)):

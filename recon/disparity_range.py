@@ -18,7 +18,7 @@ __all__ = ["check_range", "estimate_range"]
 COARSE_WIDTH = 256
 WIDEST = 0.45  # of the width, from infinity or from zero, whichever is larger
 OUTLIERS = 0.005  # share of the matches beyond either end
-MARGIN_SHARE = 0.08
+MARGIN_SHARE = 0.15
 LEAST_CONFIDENCE = 0.1  # surfaces without texture and chance matches have less
 LEAST_MATCHED = 0.02
 
@@ -55,7 +55,7 @@ def estimate_range(pair: RectifiedPair) -> range:
     """Match the pair small, over all disparities that a rig can show, and see where matches lie.
 
     The range covers all but the outermost half percent of the pixels on which both views agree in
-    larger islands, widened by 8 %. Nothing lies behind infinity, so the range ends there.
+    larger islands, widened by 15 %. Nothing lies behind infinity, so the range ends there.
 
     Raises:
         ValueError: if almost nothing matches, as in a pair without texture.

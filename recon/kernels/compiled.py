@@ -15,6 +15,9 @@ __all__ = ["Array", "array_of", "compiled", "on_cpu", "prange"]
 Array = npt.NDArray[Any]
 Function = TypeVar("Function", bound=Callable[..., object])
 
+numba.config.THREADING_LAYER_PRIORITY = ["omp", "workqueue", "tbb"]  # type: ignore[attr-defined]
+# OpenMP first, as torch does: an old TBB on the machine, which is tried first else, only warns.
+
 SAFE_FASTMATH = {"reassoc", "contract", "nsz", "arcp"}
 """Sums may be reordered and fused; infinities and NaN keep their meaning: they mark the missing."""
 
