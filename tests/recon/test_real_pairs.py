@@ -68,7 +68,7 @@ def test_kitti_depths_agree_with_the_laser(frame, datasets, tmp_path):
     report = report_of(tmp_path / "out")
     assert report["geometry"]["baseline_m"] == pytest.approx(0.5327, abs=1e-3)
     assert report["disparity range from"] == "an estimate from the images"
-    assert report["disparities"]["to"] >= truth.max()
+    assert (truth > report["disparities"]["to"]).mean() < 1e-3
     assert bad.mean() < 0.15  # D1 of the pixels both cameras see; 0.11 and 0.10 were measured
 
 
