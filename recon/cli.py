@@ -16,7 +16,6 @@ from tyro.conf import Positional, UseAppendAction, arg
 
 if TYPE_CHECKING:
     from recon.pairs import PairOnDisk, RangeRequest
-    from recon.pipeline import Reconstruction
     from recon.settings import Preset
     from recon.viewer import RerunObserver
 
@@ -251,13 +250,14 @@ def _run(
     from recon.output import all_or_nothing, write_results
     from recon.pipeline import reconstruct
     from recon.report import run_report
-    from recon.timing import Stopwatch
+    from recon.timing import Stopwatch, compilation_watched
 
     device, recording = where
     with (
         all_or_nothing(out) as folder,
         _Progress() as progress,
         _recorder(recording, folder) as recorder,
+        compilation_watched() as compiled_for,
     ):
         watch = Stopwatch(all_of(progress, recorder))
         source = read()
@@ -270,22 +270,26 @@ def _run(
         )
         write_results(folder, result)
         watch("write", sorted(path.name for path in folder.iterdir()))
-        report = run_report(result, preset, device=device, seconds=watch.seconds)
-        report["inputs"] = source.inputs
-        report["disparity range from"] = limits.origin(source.disparities)
+        report = {
+            **run_report(result, preset, device=device, seconds=watch.seconds),
+            "seconds of first compilation": round(compiled_for(), 4),
+            "disparity range from": limits.origin(source.disparities),
+            "inputs": source.inputs,
+        }
         watch("run", report)
         write_json(folder / "run.json", report)
-    console.print(report["metric sanity"], soft_wrap=True)
-    _say_what_was_made(result, out)
+    _say_what_was_made(report, out)
     if recording == "serve":
         _keep_serving(recorder)
 
 
-def _say_what_was_made(result: Reconstruction, out: Path) -> None:
-    """Print the size of a result and where it lies."""
+def _say_what_was_made(report: dict[str, Any], out: Path) -> None:
+    """Print whether the units can be right, the size of the result and where it lies."""
+    console.print(report["metric sanity"], soft_wrap=True)
+    if (compiled := report["seconds of first compilation"]) > QUIET:
+        console.print(f"{compiled:.1f} s of this went into compiling, once; later runs are faster")
     console.print(
-        f"{len(result.cloud):,} points and {len(result.mesh.faces):,} triangles; "
-        f"results lie in {out}",
+        f"{report['points']:,} points and {report['triangles']:,} triangles; results lie in {out}",
         soft_wrap=True,
     )
 

@@ -3,12 +3,26 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 
 import torch
+from numba.core import event
 
 from recon.observer import Observer, ignore
 
-__all__ = ["Stopwatch"]
+__all__ = ["Stopwatch", "compilation_watched"]
+
+
+@contextmanager
+def compilation_watched() -> Iterator[Callable[[], float]]:
+    """Give a function that returns the seconds spent compiling loops since the block began.
+
+    Compiled loops are kept on disk, so only the first run on a machine takes this time; it is
+    part of the stages during which it happens.
+    """
+    with event.install_timer("numba:compile", lambda _: None) as listener:
+        yield lambda: listener.duration if listener.done else 0.0
 
 
 class Stopwatch:

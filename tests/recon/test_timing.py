@@ -2,10 +2,11 @@
 
 import itertools
 
+import numba
 import pytest
 
 from recon import timing
-from recon.timing import Stopwatch
+from recon.timing import Stopwatch, compilation_watched
 
 
 @pytest.fixture
@@ -54,3 +55,17 @@ def test_results_are_passed_on_as_they_are():
     Stopwatch(results.__setitem__)("cost", result)
 
     assert results == {"cost": result}
+
+
+def test_compilation_is_measured_once():
+    @numba.njit
+    def double(value):
+        return 2 * value
+
+    with compilation_watched() as first:
+        double(1)
+    with compilation_watched() as second:
+        double(1)
+
+    assert first() > 0
+    assert second() == 0
