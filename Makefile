@@ -13,8 +13,7 @@ demo: setup
 	$(BIN)/reconstruct demo -o out/demo
 
 test: check
-	$(BIN)/python -m pytest -m "slow and not gpu"
-	$(BIN)/python -m pytest -m gpu
+	$(BIN)/python -m pytest -m "slow or gpu"
 
 check: setup
 	$(BIN)/ruff format --check .
