@@ -29,7 +29,7 @@ command -v "$python" >/dev/null || { echo "there is no $python; install Python 3
 [ -x "$venv/bin/python" ] || "$python" -m venv "$venv"
 
 missing=""
-for pair in libusb-1.0.so.0:libusb-1.0-0 libGL.so.1:libgl1 libgomp.so.1:libgomp1; do
+for pair in libusb-1.0.so.0:libusb-1.0-0 libGL.so.1:libgl1 libEGL.so.1:libegl1 libgomp.so.1:libgomp1; do
     "$python" -c "import ctypes; ctypes.CDLL('${pair%%:*}')" 2>/dev/null || missing="$missing ${pair#*:}"
 done
 # Only meshes that need open3d fail without them, so go on after saying so.
