@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -64,3 +65,20 @@ class RectifiedPair:
     def __post_init__(self) -> None:
         _check_image(self.left, "left", self.geometry.size, "calibration")
         _check_image(self.right, "right", self.geometry.size, "calibration")
+
+    def resized(self, size: tuple[int, int]) -> RectifiedPair:
+        """Return both images at another size, and their geometry with them.
+
+        Args:
+            size: (width, height) in pixels, of nearly the same proportions.
+
+        Raises:
+            ValueError: if the proportions differ by more than a pixel.
+        """
+        geometry = self.geometry.resized(size)
+        how = cv2.INTER_AREA if size[0] <= self.geometry.size[0] else cv2.INTER_CUBIC
+        left, right = (
+            np.asarray(cv2.resize(image, size, interpolation=how), dtype=np.uint8)
+            for image in (self.left, self.right)
+        )
+        return RectifiedPair(left, right, geometry)

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import math
 
-import cv2
 import numpy as np
 
-from calib.pair import Image, RectifiedPair
+from calib.pair import RectifiedPair
 from recon.aggregation import BoxAggregation
 from recon.matcher import Matcher
 from recon.matching_cost import Census
@@ -46,11 +45,6 @@ def check_range(disparities: range, width: int) -> range:
     return disparities
 
 
-def _shrunk(image: Image, factor: float) -> Image:
-    size = max(1, round(image.shape[1] * factor)), max(1, round(image.shape[0] * factor))
-    return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
-
-
 def estimate_range(pair: RectifiedPair) -> range:
     """Match the pair small, over all disparities that a rig can show, and see where matches lie.
 
@@ -62,8 +56,8 @@ def estimate_range(pair: RectifiedPair) -> range:
     """
     width = pair.left.shape[1]
     factor = min(1.0, COARSE_WIDTH / width)
-    left, right = _shrunk(pair.left, factor), _shrunk(pair.right, factor)
-    coarse = RectifiedPair(left, right, pair.geometry.resized((left.shape[1], left.shape[0])))
+    size = max(1, round(width * factor)), max(1, round(pair.left.shape[0] * factor))
+    coarse = pair.resized(size)
     matcher = Matcher(Census(), BoxAggregation(radius_px=3), min_segment_px=40, filling=None)
     found = matcher(coarse, _possible(coarse))
     trusted = (found.status == PixelStatus.MATCHED) & (found.confidence > LEAST_CONFIDENCE)

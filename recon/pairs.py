@@ -6,9 +6,6 @@ import math
 from dataclasses import dataclass
 from pathlib import Path
 
-import cv2
-import numpy as np
-
 from calib.formats import CalibrationRecord, read_calibration
 from calib.pair import Image, RectifiedPair, StereoPair
 from calib.rectify import Rectifier
@@ -114,12 +111,7 @@ def _resized(pair: StereoPair | RectifiedPair, scale: float) -> RectifiedPair:
     if isinstance(pair, StereoPair):
         pair = Rectifier(pair.calibration)(pair)
     height, width = pair.left.shape[:2]
-    size = max(1, round(width * scale)), max(1, round(height * scale))
-    how = cv2.INTER_AREA if scale < 1 else cv2.INTER_CUBIC
-    left, right = (cv2.resize(image, size, interpolation=how) for image in (pair.left, pair.right))
-    return RectifiedPair(
-        np.ascontiguousarray(left), np.ascontiguousarray(right), pair.geometry.resized(size)
-    )
+    return pair.resized((max(1, round(width * scale)), max(1, round(height * scale))))
 
 
 def _scaled(disparities: range | None, factor: float) -> range | None:
