@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from rendered import on_disk, still_life
 
-from recon import cli
+import recon.cli.pair as cli_pair
 from recon.cli import main
 from recon.files import read_image, read_pfm, write_image
 from recon.output import OUTPUTS
@@ -142,7 +142,7 @@ class TestMistakes:
         assert nothing_left(tmp_path)
 
     def test_an_unwritable_out_ends_before_anything_is_read(self, folder, capsys, monkeypatch):
-        monkeypatch.setattr(cli, "_read", lambda *_: pytest.fail("read before OUT was tried"))
+        monkeypatch.setattr(cli_pair, "_read", lambda *_: pytest.fail("read before OUT was tried"))
 
         message = message_of(words(folder, folder / "left.png" / "out"), capsys)
 
@@ -213,7 +213,7 @@ class TestMistakes:
         def too_large(*_):
             raise RuntimeError("DefaultCPUAllocator: can't allocate memory")
 
-        monkeypatch.setattr(cli, "_read", too_large)
+        monkeypatch.setattr(cli_pair, "_read", too_large)
 
         assert message_of(words(folder, out), capsys).endswith("smaller range of disparities")
 
@@ -221,7 +221,7 @@ class TestMistakes:
         def broken(*_):
             raise RuntimeError("sizes differ")
 
-        monkeypatch.setattr(cli, "_read", broken)
+        monkeypatch.setattr(cli_pair, "_read", broken)
 
         with pytest.raises(RuntimeError, match="sizes differ"):
             main(words(folder, out))
@@ -428,5 +428,5 @@ class TestHelp:
             "assert not {'torch', 'rerun', 'numpy', 'numba'} & sys.modules.keys()"
         )
 
-        root = Path(cli.__file__).parent.parent
+        root = Path(cli_pair.__file__).parents[2]
         subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, cwd=root)

@@ -1,34 +1,33 @@
-"""The command line: `reconstruct --help`."""
+"""`reconstruct pair` and `demo`: one pair, all results."""
 
 from __future__ import annotations
 
 import contextlib
-import sys
-import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, NoReturn
+from typing import TYPE_CHECKING, Any, Literal
 
-import tyro
-from rich.console import Console
-from rich.table import Table
-from tyro.conf import Positional, UseAppendAction, arg
+from tyro.conf import Positional
+
+from recon.cli.terminal import (
+    QUIET,
+    Device,
+    Out,
+    Overrides,
+    Progress,
+    console,
+    device_named,
+    preset_with,
+)
 
 if TYPE_CHECKING:
     from recon.pairs import PairOnDisk, RangeRequest
     from recon.settings import Preset
     from recon.viewer import RerunObserver
 
-__all__ = ["main"]
+__all__ = ["demo", "pair"]
 
-console = Console(highlight=False, markup=False)  # brackets in file names are not markup
-errors = Console(stderr=True, highlight=False, markup=False)
-
-Device = Literal["auto", "cpu", "cuda"]
 Recording = Literal["save", "serve", "spawn", "none"]
-Out = Annotated[Path, arg(aliases=["-o"])]
-Overrides = Annotated[UseAppendAction[tuple[str, ...]], arg(name="set", metavar="SETTING=VALUE")]
-QUIET = 1.0 / 3
 
 
 def pair(  # noqa: PLR0913  every one is an option of the command
@@ -76,9 +75,9 @@ def pair(  # noqa: PLR0913  every one is an option of the command
     _run(
         lambda: _read(left, right, calib, stated, scale),
         out,
-        _preset(preset, settings, override),
+        preset_with(preset, settings, override),
         RangeRequest(min_disparity, max_disparity, scale),
-        (_device(device), recording),
+        (device_named(device), recording),
     )
 
 
@@ -111,118 +110,12 @@ def demo(
     )
 
 
-def presets() -> None:
-    """List the presets and what each does."""
-    from recon.settings import load_preset, preset_names
-
-    table = Table("preset", "what it does", "cost", box=None, pad_edge=False)
-    for name in preset_names():
-        one = load_preset(name)
-        table.add_row(name, one.description, type(one.matcher.matching_cost).__name__)
-    console.print(table)
-
-
-def view(folder: Positional[Path]) -> None:
-    """Open the recording of a reconstruction in Rerun's viewer.
-
-    Args:
-        folder: the -o of an earlier reconstruction, or an .rrd file.
-    """
-    from recon.viewer import open_recording
-
-    recording = folder / "recording.rrd" if folder.is_dir() else folder
-    if not recording.is_file():
-        raise ValueError(f"there is no recording {recording}; was it made with --recording none?")
-    open_recording(recording)
-
-
-COMMANDS: dict[str, Callable[..., Any]] = {
-    "pair": pair,
-    "demo": demo,
-    "presets": presets,
-    "view": view,
-}
-
-
-def main(arguments: list[str] | None = None) -> None:
-    """Run the command; mistakes of the user end it with one message and status 2."""
-    try:
-        tyro.extras.subcommand_cli_from_dict(
-            COMMANDS,
-            prog="reconstruct",
-            description="From a pair of photographs to a metric point cloud and a textured mesh.",
-            args=arguments,
-            config=(
-                tyro.conf.FlagCreatePairsOff,
-                tyro.conf.DisallowNone,
-                tyro.conf.PositionalMetavarFromFieldName,
-            ),
-        )
-    except (ValueError, OSError, ImportError, MemoryError) as error:
-        _end_with(str(error) or type(error).__name__)
-    except RuntimeError as error:
-        if "memory" not in str(error):  # torch has no class of its own for it on every device
-            raise
-        _end_with(f"{error}; try --scale 0.5, or a smaller range of disparities")
-    except KeyboardInterrupt:
-        errors.print("stopped; nothing was written")
-        sys.exit(130)
-
-
-def _end_with(message: str) -> NoReturn:
-    """Say what was wrong and end the program."""
-    errors.print("error:", style="bold red", end=" ")
-    errors.print(message, soft_wrap=True)
-    sys.exit(2)
-
-
-def _device(name: Device) -> str:
-    """Return the torch device that a name stands for."""
-    import torch
-
-    if name == "cuda" and not torch.cuda.is_available():
-        raise ValueError("--device cuda: this machine has no CUDA device that torch can use")
-    return "cuda" if name != "cpu" and torch.cuda.is_available() else "cpu"
-
-
-def _preset(name: str, settings: Path | None, overrides: tuple[str, ...]) -> Preset:
-    """Return the preset with the file's settings laid over it, then the command line's."""
-    from recon.settings import load_preset, overrides_from
-
-    return load_preset(name, overrides_from(settings, overrides))
-
-
 def _read(
     left: Path, right: Path | None, calib: Path, rectified: bool | None, scale: float
 ) -> PairOnDisk:
     from recon.pairs import read_pair
 
     return read_pair(left, right, calib, rectified=rectified, scale=scale)
-
-
-class _Progress:
-    """An observer that names each stage as it ends."""
-
-    def __init__(self) -> None:
-        self._since = time.perf_counter()
-        self._status = console.status("starting") if console.is_terminal else None
-
-    def __enter__(self) -> _Progress:
-        if self._status is not None:
-            self._status.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        if self._status is not None:
-            self._status.stop()
-
-    def __call__(self, stage: str, result: object) -> None:  # noqa: ARG002  an observer
-        now = time.perf_counter()
-        if now - self._since > QUIET or not console.is_terminal:
-            console.print(f"  {stage:<32} {now - self._since:6.2f} s")
-        if self._status is not None:
-            self._status.update(f"after {stage}")
-        self._since = now
 
 
 def _recorder(recording: Recording, folder: Path) -> contextlib.AbstractContextManager[Any]:
@@ -255,7 +148,7 @@ def _run(
     device, recording = where
     with (
         all_or_nothing(out) as folder,
-        _Progress() as progress,
+        Progress() as progress,
         _recorder(recording, folder) as recorder,
         compilation_watched() as compiled_for,
     ):
@@ -298,7 +191,3 @@ def _keep_serving(recorder: RerunObserver) -> None:
     """Show the recording until Ctrl-C; the files are written by now."""
     console.print(f"showing at {recorder.url}; press Ctrl-C to end", soft_wrap=True)
     recorder.wait()
-
-
-if __name__ == "__main__":
-    main()

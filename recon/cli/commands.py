@@ -1,0 +1,55 @@
+"""Every command by its name, and what happens when one fails."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from typing import Any, NoReturn
+
+import tyro
+
+from recon.cli.look import presets, view
+from recon.cli.pair import demo, pair
+from recon.cli.terminal import errors
+
+__all__ = ["COMMANDS", "main"]
+
+
+COMMANDS: dict[str, Callable[..., Any]] = {
+    "pair": pair,
+    "demo": demo,
+    "presets": presets,
+    "view": view,
+}
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Run the command; mistakes of the user end it with one message and status 2."""
+    try:
+        tyro.extras.subcommand_cli_from_dict(
+            COMMANDS,
+            prog="reconstruct",
+            description="From a pair of photographs to a metric point cloud and a textured mesh.",
+            args=arguments,
+            config=(
+                tyro.conf.FlagCreatePairsOff,
+                tyro.conf.DisallowNone,
+                tyro.conf.PositionalMetavarFromFieldName,
+            ),
+        )
+    except (ValueError, OSError, ImportError, MemoryError) as error:
+        _end_with(str(error) or type(error).__name__)
+    except RuntimeError as error:
+        if "memory" not in str(error):  # torch has no class of its own for it on every device
+            raise
+        _end_with(f"{error}; try --scale 0.5, or a smaller range of disparities")
+    except KeyboardInterrupt:
+        errors.print("stopped; nothing was written")
+        sys.exit(130)
+
+
+def _end_with(message: str) -> NoReturn:
+    """Say what was wrong and end the program."""
+    errors.print("error:", style="bold red", end=" ")
+    errors.print(message, soft_wrap=True)
+    sys.exit(2)
