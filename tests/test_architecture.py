@@ -38,6 +38,7 @@ ROWS = (
         "recon.viewer",
         "recon.training",
     ),
+    ("recon.evaluation",),
     ("recon",),
     ("recon.cli",),
 )
@@ -50,6 +51,7 @@ ONLY_IN = {
     "pydantic": ("recon.settings",),
     "trimesh": ("recon.files",),
     "safetensors": ("recon.networks",),
+    "jinja2": ("recon.evaluation",),
 }
 NEVER_IN = {
     "cv2": (

@@ -1,0 +1,1 @@
+"""How far matchers are from the truth: data sets, protocols, measures, reports."""
