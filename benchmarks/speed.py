@@ -17,10 +17,10 @@ import time
 from pathlib import Path
 
 import torch
-from accuracy import sgbm_with_row_fill
 
 from calib import RectifiedPair
 from recon import load_preset, read_pair
+from recon.evaluation import OPENCV_MATCHERS
 from recon.report import versions
 from recon.sample_pairs import sample_folder
 from recon.timing import Stopwatch
@@ -71,7 +71,7 @@ def main() -> None:
         rival = []
         for _ in range(options.repeats + 1):
             started = time.perf_counter()
-            sgbm_with_row_fill(pair.left, pair.right, candidates)
+            OPENCV_MATCHERS["opencv-sgbm-rows"](pair, range(candidates))
             rival.append(time.perf_counter() - started)
         sgbm = statistics.median(rival[1:])
         print(f"\n{name} ({pair.left.shape[1]} x {pair.left.shape[0]}): SGBM {sgbm:.3f} s")

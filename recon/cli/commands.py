@@ -8,6 +8,7 @@ from typing import Any, NoReturn
 
 import tyro
 
+from recon.cli.evaluate import evaluate
 from recon.cli.look import presets, view
 from recon.cli.pair import demo, pair
 from recon.cli.terminal import errors
@@ -18,6 +19,7 @@ __all__ = ["COMMANDS", "main"]
 COMMANDS: dict[str, Callable[..., Any]] = {
     "pair": pair,
     "demo": demo,
+    "evaluate": evaluate,
     "presets": presets,
     "view": view,
 }
