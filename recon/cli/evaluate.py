@@ -230,9 +230,13 @@ def _run(tasks: Sequence[Task], jobs: int, resume: bool) -> list[Entry]:
     entries: list[Entry] = []
     with Progress(*columns, console=console, disable=not console.is_terminal) as bar:
         shown = bar.add_task("evaluating", total=len(tasks))
-        for done in run(tasks, jobs=jobs, resume=resume):
-            entries += done
-            bar.update(shown, advance=1, description=f"{done[0]['scene']}, {done[0]['method']}")
+        try:
+            for done in run(tasks, jobs=jobs, resume=resume):
+                entries += done
+                bar.update(shown, advance=1, description=f"{done[0]['scene']}, {done[0]['method']}")
+        except KeyboardInterrupt:
+            errors.print("stopped; the same command with --resume goes on from here")
+            sys.exit(130)
     return entries
 
 

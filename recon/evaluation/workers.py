@@ -115,10 +115,9 @@ def _work(
     prepare(jobs)
     while True:
         try:
-            task = connection.recv()
-        except EOFError:
+            connection.send(_attempt(function, connection.recv()))
+        except (EOFError, ConnectionError):  # closed, or the parent is gone
             return
-        connection.send(_attempt(function, task))
 
 
 def _attempt(function: Callable[[Task], object], task: Task) -> object:

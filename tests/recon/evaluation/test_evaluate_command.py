@@ -187,3 +187,15 @@ class TestRuns:
             found.append(result["methods"]["poor"]["protocol"]["own-size"]["mean"]["nonocc"])
 
         assert found[0] == found[1]
+
+    def test_after_ctrl_c_it_says_how_to_go_on(self, scenes, monkeypatch, capsys):
+        def stopped(*_, **__):
+            raise KeyboardInterrupt
+
+        monkeypatch.setattr("recon.evaluation.evaluate", stopped)
+
+        with pytest.raises(SystemExit) as end:
+            main(words(scenes))
+
+        assert end.value.code == 130
+        assert "--resume" in capsys.readouterr().err
