@@ -12,11 +12,21 @@ from torch import Tensor
 from recon.training.shapes import KINDS, Shapes
 from recon.training.textures import STYLES, Paint
 
-__all__ = ["Coat", "Place", "Scene", "Thing", "View", "assemble", "rotation_about", "turned"]
+__all__ = [
+    "Coat",
+    "Light",
+    "Place",
+    "Scene",
+    "Thing",
+    "View",
+    "assemble",
+    "rotation_about",
+    "turned",
+]
 
 Place = tuple[float, float, float]
 
-WALL = 60.0
+NO_MAP = torch.zeros(2, 2)
 
 
 @dataclass(frozen=True)
@@ -57,13 +67,39 @@ class Coat:
 
 @dataclass(frozen=True, eq=False)
 class Thing:
-    """One shape and its paint; see `Shapes`."""
+    """One shape and its paint; see `Shapes`. `map` (S, S) is that of a relief or a cutout."""
 
     kind: str
     centre: Place
     half_size: Place
     rotation: Tensor
     coat: Coat
+    map: Tensor | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Light:
+    """A distant light, the glow of everything around, and perhaps a lamp.
+
+    Attributes:
+        towards: (3,) unit vector to the distant light.
+        casts_shadows: whether things block it.
+        spread: half the angle that it covers, radians; more is softer shadows.
+        ambient: share of the light that comes from all around, in [0, 1].
+        sharpness: power of the highlight; more is smaller.
+        lamp: (3,) metres, where the lamp hangs.
+        lamp_strength: how bright it is at `lamp_reach_m`; 0 is off.
+        lamp_reach_m: distance where its light has fallen to half of what it is close by.
+    """
+
+    towards: Tensor
+    casts_shadows: bool = False
+    spread: float = 0.0
+    ambient: float = 0.35
+    sharpness: float = 24.0
+    lamp: Place = (0.0, 0.0, 0.0)
+    lamp_strength: float = 0.0
+    lamp_reach_m: float = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,39 +109,14 @@ class Scene:
     Attributes:
         shapes: K shapes in the frame of the left camera.
         paints: of the same K.
-        to_light: (3,) unit vector towards the light.
-        casts_shadows: whether light is blocked.
+        light: what shines on them.
         table: noise, see `noise_table`.
     """
 
     shapes: Shapes
     paints: Paint
-    to_light: Tensor
-    casts_shadows: bool
+    light: Light
     table: Tensor
-
-    def in_shadow(self, places: Tensor) -> Tensor:
-        """Return which of (N, 3) places the light does not reach."""
-        if not self.casts_shadows:
-            return torch.zeros(len(places), dtype=torch.bool, device=places.device)
-        reach = first_hits_from(self.shapes, places, self.to_light)
-        return reach < WALL / 2
-
-
-def first_hits_from(shapes: Shapes, origins: Tensor, direction: Tensor) -> Tensor:
-    """Return how far (N,) parallel rays from many origins go; see `first_hits`."""
-    nearest = torch.full_like(origins[:, 0], torch.inf)
-    solid = {list(KINDS).index(name) for name in ("box", "ellipsoid", "cylinder", "disc")}
-    for index in range(len(shapes)):
-        if int(shapes.kind[index]) not in solid:
-            continue
-        one = shapes[torch.tensor([index], device=origins.device)]
-        turn = one.world_from_shape[0]
-        local_o = ((origins - one.centre[0]) @ turn) / one.half_size[0]
-        local_d = ((direction @ turn) / one.half_size[0]).expand_as(local_o)
-        depth = list(KINDS.values())[int(one.kind)](local_o, local_d)
-        nearest = torch.minimum(nearest, depth)
-    return nearest
 
 
 def rotation_about(axis: Tensor, angle: float) -> Tensor:
@@ -122,6 +133,14 @@ def turned(rotation: Tensor, place: Place) -> Place:
     return x, y, z
 
 
+def _stacked(maps: list[Tensor | None]) -> tuple[list[int], Tensor]:
+    """Return which map each thing has, and the maps (M, S, S), each of them once."""
+    given = [found for found in maps if found is not None]
+    distinct = list({id(found): found for found in given}.values()) or [NO_MAP]
+    order = {id(found): number for number, found in enumerate(distinct)}
+    return [order.get(id(found), 0) for found in maps], torch.stack(distinct)
+
+
 def assemble(things: list[Thing], table: Tensor, to_light: Tensor, *, shadows: bool) -> Scene:
     """Return the scene made of `things`, as arrays on the device of `table`."""
     device = table.device
@@ -130,18 +149,21 @@ def assemble(things: list[Thing], table: Tensor, to_light: Tensor, *, shadows: b
     def numbers(of: Sequence[object], name: str) -> Tensor:
         return torch.tensor([getattr(one, name) for one in of], device=device)
 
+    map_of, maps = _stacked([thing.map for thing in things])
     shapes = Shapes(
-        torch.tensor([list(KINDS).index(thing.kind) for thing in things], device=device),
+        torch.tensor([KINDS.index(thing.kind) for thing in things], device=device),
         numbers(things, "centre"),
-        torch.stack([thing.rotation.to(device) for thing in things]),
+        torch.stack([thing.rotation for thing in things]).to(device),
         numbers(things, "half_size"),
+        torch.tensor(map_of, device=device),
+        maps.to(device),
     )
     paints = Paint(
         torch.tensor([list(STYLES).index(coat.style) for coat in coats], device=device),
-        torch.stack([coat.colours.to(device) for coat in coats]),
+        torch.stack([coat.colours for coat in coats]).to(device),
         *(
             numbers(coats, name)
             for name in ("frequency", "turn", "slope", "grain", "gloss", "offset")
         ),
     )
-    return Scene(shapes, paints, to_light.to(device), shadows, table)
+    return Scene(shapes, paints, Light(to_light.to(device), shadows), table)

@@ -1,4 +1,4 @@
-"""Random rooms, clutter, foliage and fences.
+"""Walls, solids, leaves and reliefs to put into a scene.
 
 Everything is placed by inverse depth and by its size in pixels, so that every baseline and every
 focal length gives a full image.
@@ -7,140 +7,73 @@ focal length gives a full image.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import torch
 from torch import Tensor
 
-from recon.training.composition import (
-    Coat,
-    Scene,
-    Thing,
-    View,
-    assemble,
-    rotation_about,
-    turned,
-)
-from recon.training.shapes import KINDS
-from recon.training.textures import STYLES, noise_table
+from recon.training.composition import Coat, Place, Thing, rotation_about, turned
+from recon.training.profiles import CUTOUTS, RELIEFS
+from recon.training.shapes import ANALYTIC
+from recon.training.staging import NEAR_M, Stage
 
-__all__ = ["KINDS_OF_SCENE", "compose"]
+__all__ = [
+    "aimed",
+    "backdrop",
+    "cutouts",
+    "foliage",
+    "relief_sheets",
+    "rod",
+    "room",
+    "sheets",
+    "sky",
+    "solids",
+]
 
-NEAR_M = 1.0
-MOST_WITH_SHADOW = 80
 X, Y, Z = torch.eye(3)
+POLE_SHARE = 0.15
+GRASS = ("noise", "gradient", "stripes", "wood", "earth")
 
 
-@dataclass(frozen=True)
-class Dice:
-    """Random numbers of the kinds a scene needs, all from one generator."""
-
-    generator: torch.Generator
-
-    def uniform(self, low: float, high: float) -> float:
-        """Return a number in [low, high)."""
-        return low + (high - low) * float(
-            torch.rand((), generator=self.generator, device=self.generator.device)
-        )
-
-    def log_uniform(self, low: float, high: float) -> float:
-        """Return a number in [low, high) whose logarithm is uniform."""
-        return math.exp(self.uniform(math.log(low), math.log(high)))
-
-    def whole(self, low: int, high: int) -> int:
-        """Return a whole number in [low, high]."""
-        return int(self.uniform(low, high + 1))
-
-    def one_of(self, choices: tuple[str, ...]) -> str:
-        """Return one of `choices`."""
-        return choices[self.whole(0, len(choices) - 1)]
-
-    def rotation(self, most: float = math.pi) -> Tensor:
-        """Return a (3, 3) rotation by up to `most` radians about a random axis."""
-        axis = torch.randn(3, generator=self.generator, device=self.generator.device).cpu()
-        return rotation_about(axis / axis.norm(), self.uniform(-most, most))
-
-    def colours(self) -> Tensor:
-        """Return two linear RGB colours (2, 3), sometimes close to each other."""
-        device = self.generator.device
-        first = torch.rand(3, generator=self.generator, device=device) ** 1.5
-        grey = first.mean() * torch.ones(3, device=device)
-        first = torch.lerp(first, grey, self.uniform(0, 0.9))
-        step = torch.randn(3, generator=self.generator, device=device)
-        step = torch.lerp(step, step.mean().expand(3), self.uniform(0.2, 1.0))
-        second = first + step * self.log_uniform(0.04, 0.6)
-        return torch.stack((first, second)).clamp(0.01, 0.95)
+def aimed(along: Place) -> Tensor:
+    """Return a rotation (3, 3) that carries the own z axis to the direction `along`."""
+    z = torch.nn.functional.normalize(torch.tensor(along), dim=0)
+    helper = X if abs(float(z[0])) < 0.7 else Y
+    x = torch.nn.functional.normalize(torch.linalg.cross(helper, z), dim=0)
+    return torch.stack((x, torch.linalg.cross(z, x), z), 1)
 
 
-@dataclass(frozen=True)
-class Stage:
-    """Where things can be put: turns pixels and disparities into metres.
-
-    Attributes:
-        dice: randomness.
-        view: the cameras.
-        far_px: smallest disparity.
-    """
-
-    dice: Dice
-    view: View
-    far_px: float
-
-    @property
-    def near_px(self) -> float:
-        """Largest disparity, that of `NEAR_M`."""
-        return self.view.focal_px * self.view.baseline_m / NEAR_M
-
-    def depth(self, low: float = 0.0, high: float = 1.0) -> float:
-        """Return a depth whose disparity is uniform; 0 is the back, 1 the front."""
-        share = self.dice.uniform(low, high)
-        disparity = self.far_px + share * (self.near_px - self.far_px)
-        return self.view.focal_px * self.view.baseline_m / disparity
-
-    def place(self, depth: float, spread: float = 0.55) -> tuple[float, float, float]:
-        """Return a place at `depth` that projects into the image or just beside it."""
-        reach_x = spread * self.view.width / self.view.focal_px * depth
-        reach_y = spread * self.view.height / self.view.focal_px * depth
-        return (
-            self.dice.uniform(-reach_x, reach_x),
-            self.dice.uniform(-reach_y, reach_y),
-            depth,
-        )
-
-    def metres(self, pixels: float, depth: float) -> float:
-        """Return the length that covers `pixels` at `depth`."""
-        return pixels * depth / self.view.focal_px
-
-    def painted(self, depth: float, styles: tuple[str, ...] = tuple(STYLES)) -> Coat:
-        """Return random paint for something at `depth`."""
-        dice = self.dice
-        style = "noise" if dice.uniform(0, 1) < 0.4 else dice.one_of(styles)
-        return Coat(
-            style,
-            dice.colours(),
-            frequency=1 / self.metres(dice.log_uniform(3, 60), depth),
-            turn=dice.uniform(0, 2 * math.pi),
-            slope=dice.uniform(0.0, 0.9),
-            grain=dice.log_uniform(0.05, 1.0),
-            gloss=max(0.0, dice.uniform(-0.5, 0.4)),
-            offset=(dice.uniform(0, 500), dice.uniform(0, 500)),
-        )
+def rod(start: Place, end: Place, radius: float, coat: Coat) -> Thing:
+    """Return a thin cylinder from `start` to `end`."""
+    along = (end[0] - start[0], end[1] - start[1], end[2] - start[2])
+    middle = (start[0] + along[0] / 2, start[1] + along[1] / 2, start[2] + along[2] / 2)
+    return Thing("cylinder", middle, (radius, radius, math.hypot(*along) / 2), aimed(along), coat)
 
 
 def _sheet(stage: Stage, depth: float, rotation: Tensor, half_px: float) -> Thing:
     """Return a large rectangle at `depth`, straight ahead."""
     half = stage.metres(half_px, depth)
-    return Thing("rectangle", (0, 0, depth), (half, half, 1), rotation, stage.painted(depth))
+    return Thing("rectangle", (0, 0, depth), (half, half, 1), rotation, stage.papered(depth))
 
 
-def _backdrop(stage: Stage) -> list[Thing]:
-    """Return a wall at the back, slanted a little, with texture always."""
-    depth = stage.depth(0, 0.15)
-    return [_sheet(stage, depth, stage.dice.rotation(0.5), 4 * stage.view.width)]
+def backdrop(stage: Stage, low: float = 0.0, high: float = 0.15) -> list[Thing]:
+    """Return a wall at the back, slanted a little; often a relief."""
+    depth = stage.depth(low, high)
+    wall = _sheet(stage, depth, stage.dice.rotation(0.5), 4 * stage.view.width)
+    if stage.recipe.reliefs and stage.dice.chance(0.25):
+        return [replace(wall, centre=(0, 0, 1.5 * depth)), _relief(stage, depth, 1.2, 0.6)]
+    return [wall]
 
 
-def _room(stage: Stage) -> list[Thing]:
+def sky(stage: Stage) -> Thing:
+    """Return clouds far behind everything."""
+    depth = 3 * NEAR_M / stage.far
+    half = stage.metres(2 * stage.view.width, depth)
+    coat = replace(stage.papered(depth, ("noise", "earth")), gloss=0.0)
+    return Thing("rectangle", (0, 0, depth), (half, half, 1), torch.eye(3), coat)
+
+
+def room(stage: Stage) -> list[Thing]:
     """Return a floor, side walls, perhaps a ceiling, and a back wall."""
     dice = stage.dice
     back = stage.depth(0, 0.05)
@@ -152,132 +85,113 @@ def _room(stage: Stage) -> list[Thing]:
     walls = [((0.0, below, 0.0), turn_floor), ((-aside, 0.0, 0.0), turn_side)]
     walls += [((aside, 0.0, 0.0), turn_side), ((0.0, -2.5 * below - aside, 0.0), turn_floor)]
     walls += [((0.0, 0.0, back), torch.eye(3))]
-    kept = [wall for wall in walls if wall[0][1] > 0 or wall[0][2] > 0 or dice.uniform(0, 1) < 0.6]
+    kept = [wall for wall in walls if wall[0][1] > 0 or wall[0][2] > 0 or dice.chance(0.6)]
     return [
         Thing(
             "rectangle",
             turned(tilt, centre),
             (3 * back, 3 * back, 1.0),
             tilt @ turn,
-            stage.painted(stage.depth(0, 0.5)),
+            stage.papered(stage.depth(0, 0.5)),
         )
         for centre, turn in kept
     ] + [_sheet(stage, 1.6 * back, torch.eye(3), 6 * stage.view.width)]
 
 
-def _solids(stage: Stage, count: int, kinds: tuple[str, ...] = tuple(KINDS)) -> list[Thing]:
-    """Return separate things of all shapes, turned anyhow."""
+def solids(
+    stage: Stage,
+    count: int,
+    sizes: tuple[float, float] = (0.03, 0.3),
+    depths: tuple[float, float] = (0.05, 1.0),
+) -> list[Thing]:
+    """Return separate things of all shapes, turned anyhow.
+
+    Args:
+        stage: where to.
+        count: how many.
+        sizes: least and most of half the extent, as a share of the width of the image.
+        depths: see `Stage.depth`.
+    """
     dice, things = stage.dice, []
     for _ in range(count):
-        depth = stage.depth(0.05)
-        half = stage.metres(dice.log_uniform(0.03, 0.3) * stage.view.width, depth)
+        depth = stage.depth(*depths)
+        half = stage.metres(dice.log_uniform(*sizes) * stage.view.width, depth)
+        half = min(half, 0.7 * depth)  # or it would reach the camera
         width, height, length = (half * dice.log_uniform(0.3, 1.0) for _ in range(3))
-        if dice.uniform(0, 1) < 0.2:  # a pole
+        if dice.chance(POLE_SHARE):
             width = height = stage.metres(dice.log_uniform(0.8, 4), depth)
-            length = 3 * half
-        things.append(
-            Thing(
-                dice.one_of(kinds),
-                stage.place(depth),
-                (width, height, length),
-                dice.rotation(),
-                stage.painted(depth),
-            )
-        )
+            length = 2 * half
+        kind = dice.one_of(tuple(ANALYTIC))
+        size = (width, height, length)
+        things.append(Thing(kind, stage.place(depth), size, dice.rotation(), stage.painted(depth)))
     return things
 
 
-def _foliage(stage: Stage, count: int) -> list[Thing]:
-    """Return clouds of small leaves that share one paint."""
+def _relief(stage: Stage, depth: float, half_share: float, most_tilt: float) -> Thing:
+    """Return a relief at `depth`, straight ahead.
+
+    Args:
+        stage: where to.
+        depth: metres.
+        half_share: half its extent, as a share of the width of the image.
+        most_tilt: radians.
+    """
+    dice = stage.dice
+    half = stage.metres(half_share * stage.view.width, depth)
+    lift = half * dice.log_uniform(0.03, 0.25)
+    turn = dice.rotation(most_tilt) @ rotation_about(Z, dice.uniform(0, 2 * math.pi))
+    heights = RELIEFS[dice.one_of(tuple(RELIEFS))](dice)
+    return Thing("relief", (0, 0, depth), (half, half, lift), turn, stage.papered(depth), heights)
+
+
+def relief_sheets(stage: Stage, count: int) -> list[Thing]:
+    """Return uneven sheets in front of each other; none where the recipe has no reliefs."""
     dice, things = stage.dice, []
-    for _ in range(dice.whole(1, 3)):
+    for _ in range(count if stage.recipe.reliefs else 0):
+        depth = stage.depth(0.1, 0.8)
+        relief = _relief(stage, depth, dice.uniform(0.15, 0.45), 1.0)
+        things.append(replace(relief, centre=stage.place(depth, 0.45)))
+    return things
+
+
+def cutouts(stage: Stage, count: int) -> list[Thing]:
+    """Return sheets with ragged outlines, with holes, or of bars."""
+    dice, things = stage.dice, []
+    kinds = tuple(CUTOUTS) if stage.recipe.repeated_structures else ("torn", "blot")
+    for _ in range(count):
+        depth = stage.depth(0.15, 0.95)
+        half = stage.metres(dice.log_uniform(0.06, 0.35) * stage.view.width, depth)
+        size = (half, half * dice.uniform(0.5, 1), 1.0)
+        turn = dice.rotation(0.9) @ rotation_about(Z, dice.uniform(0, 2 * math.pi))
+        holes = CUTOUTS[dice.one_of(kinds)](dice)
+        where = stage.place(depth, 0.45)
+        things.append(Thing("cutout", where, size, turn, stage.painted(depth), holes))
+    return things
+
+
+def foliage(stage: Stage, clouds: int, leaves: int) -> list[Thing]:
+    """Return clouds of small leaves; the leaves of a cloud share one paint."""
+    dice, things = stage.dice, []
+    for _ in range(clouds):
         depth = stage.depth(0.2)
         middle = stage.place(depth, 0.35)
         reach = stage.metres(dice.uniform(0.08, 0.25) * stage.view.width, depth)
-        leaf = stage.metres(dice.log_uniform(3, 25), depth)
-        paint = stage.painted(depth, ("noise", "gradient", "stripes", "wood"))
-        for _ in range(count):
+        leaf = stage.metres(dice.log_uniform(4, 25), depth)
+        slim = dice.uniform(0.15, 0.8)
+        paint = stage.painted(depth, GRASS)
+        for _ in range(leaves):
             x, y, z = (c + reach * dice.uniform(-1, 1) for c in middle)
             where = (x, y, max(z, 0.7 * NEAR_M))
-            things.append(Thing("disc", where, (leaf, leaf * 0.4, 1.0), dice.rotation(), paint))
+            things.append(Thing("disc", where, (leaf, leaf * slim, 1.0), dice.rotation(), paint))
     return things
 
 
-def _fence(stage: Stage) -> list[Thing]:
-    """Return a row of equal slats, the classic repeated structure."""
-    dice, things = stage.dice, []
-    depth = stage.depth(0.2, 0.9)
-    count = dice.whole(5, 16)
-    gap = stage.metres(dice.uniform(0.2, 0.9) * stage.view.width / count, depth)
-    size = (gap * dice.uniform(0.1, 0.4), stage.metres(stage.view.width, depth), gap * 0.1)
-    middle, turn = stage.place(depth, 0.3), dice.rotation(0.6)
-    turn = turn @ rotation_about(Z, dice.uniform(-1.6, 1.6))
-    paint = stage.painted(depth)
-    for number in range(count):
-        x, y, z = turned(turn, (gap * (number - count / 2), 0.0, 0.0))
-        where = (middle[0] + x, middle[1] + y, middle[2] + z)
-        things.append(Thing("box", where, size, turn, paint))
-    return things
-
-
-def _furnished_room(stage: Stage) -> list[Thing]:
-    return _room(stage) + _solids(stage, stage.dice.whole(8, 25))
-
-
-def _clutter(stage: Stage) -> list[Thing]:
-    return _backdrop(stage) + _solids(stage, stage.dice.whole(15, 50))
-
-
-def _garden(stage: Stage) -> list[Thing]:
-    return _backdrop(stage) + _foliage(stage, 60) + _solids(stage, stage.dice.whole(2, 8))
-
-
-def _fenced(stage: Stage) -> list[Thing]:
-    first = _room(stage) if stage.dice.uniform(0, 1) < 0.5 else _backdrop(stage)
-    return first + _fence(stage) + _solids(stage, stage.dice.whole(2, 10))
-
-
-def _sheets(stage: Stage) -> list[Thing]:
-    """Return few, large, strongly slanted planes: a close-up."""
-    sheets = []
+def sheets(stage: Stage) -> list[Thing]:
+    """Return few, large, strongly slanted planes."""
+    found = []
     for _ in range(stage.dice.whole(2, 6)):
         depth = stage.depth(0.1, 0.8)
-        sheet = _sheet(
-            stage, depth, stage.dice.rotation(1.1), stage.dice.uniform(0.1, 0.4) * stage.view.width
-        )
-        where = stage.place(depth, 0.5)
-        sheets.append(replace(sheet, centre=where))
-    return _backdrop(stage) + sheets + _solids(stage, stage.dice.whole(0, 5))
-
-
-KINDS_OF_SCENE: dict[str, Callable[[Stage], list[Thing]]] = {
-    "room": _furnished_room,
-    "clutter": _clutter,
-    "garden": _garden,
-    "fence": _fenced,
-    "sheets": _sheets,
-}
-
-
-def compose(generator: torch.Generator, size: tuple[int, int]) -> tuple[Scene, View]:
-    """Return a random scene and the cameras that look at it.
-
-    Args:
-        generator: source of all randomness.
-        size: (width, height) of the images in pixels.
-    """
-    dice = Dice(generator)
-    width, height = size
-    focal_px = width * dice.log_uniform(0.7, 2.5)
-    near_px = width * dice.uniform(0.05, 0.25)
-    view = View(width, height, focal_px, near_px * NEAR_M / focal_px)
-    stage = Stage(dice, view, near_px * dice.uniform(0.08, 0.6))
-    things = KINDS_OF_SCENE[dice.one_of(tuple(KINDS_OF_SCENE))](stage)
-    to_light = torch.tensor([dice.uniform(-0.7, 0.7), -1.0, dice.uniform(-1.2, 0.2)])
-    scene = assemble(
-        things,
-        noise_table(generator),
-        to_light / to_light.norm(),
-        shadows=len(things) < MOST_WITH_SHADOW and dice.uniform(0, 1) < 0.5,
-    )
-    return scene, view
+        half_px = stage.dice.uniform(0.1, 0.4) * stage.view.width
+        sheet = _sheet(stage, depth, stage.dice.rotation(1.1), half_px)
+        found.append(replace(sheet, centre=stage.place(depth, 0.5)))
+    return found

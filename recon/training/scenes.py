@@ -11,16 +11,18 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from recon.training.casting import Camera, Hits, Rays, first_hits, surface_at, windows
 from recon.training.composition import Scene, View
-from recon.training.furnishing import compose
-from recon.training.shapes import Hits, first_hits, surface_at
+from recon.training.lighting import light_directions, lit, shadows
+from recon.training.recipe import FULL, Recipe
+from recon.training.scenery import compose
+from recon.training.shapes import dot
 from recon.training.textures import paint
 
 __all__ = ["StereoSample", "draw", "render"]
 
-AMBIENT = 0.35
-HIGHLIGHT_POWER = 24
 VISIBLE_TOLERANCE = 2e-3
+EDGE_JUMP_PX = 1.0
 INFINITY_M = 1e6
 
 
@@ -34,6 +36,10 @@ class StereoSample:
         disparity_left: (H, W) float32 px, of the left view, exact.
         disparity_right: (H, W) float32 px, of the right view, exact.
         visible: (H, W) bool, left pixels whose point the right camera sees inside its image.
+        visible_right: (H, W) bool, right pixels whose point the left camera sees inside its image.
+        normals: (H, W, 3) float32 unit, of the left view, towards the camera, in its frame.
+        edges: (H, W) bool, left pixels that have a neighbour on another surface, more than
+            `EDGE_JUMP_PX` nearer or further.
     """
 
     left: Tensor
@@ -41,66 +47,114 @@ class StereoSample:
     disparity_left: Tensor
     disparity_right: Tensor
     visible: Tensor
+    visible_right: Tensor
+    normals: Tensor
+    edges: Tensor
 
 
-def _directions(view: View, offset: tuple[float, float], device: torch.device) -> Tensor:
-    """Return (H W, 3) ray directions with z = 1 through the pixel centres plus `offset` px."""
-    rows = torch.arange(view.height, device=device, dtype=torch.float32) + offset[1]
-    columns = torch.arange(view.width, device=device, dtype=torch.float32) + offset[0]
-    y, x = torch.meshgrid(rows - view.centre[1], columns - view.centre[0], indexing="ij")
-    flat = torch.stack((x, y, torch.full_like(x, view.focal_px)), -1).reshape(-1, 3)
-    return flat / view.focal_px
+@dataclass(frozen=True, eq=False)
+class _Seen:
+    """What one camera sees.
+
+    Attributes:
+        image: (H, W, 3).
+        rays: through the pixel centres, S = 1.
+        hits: of these rays.
+    """
+
+    image: Tensor
+    rays: Rays
+    hits: Hits
 
 
-def _lit(scene: Scene, shadowed: Tensor, normal: Tensor, to_eye: Tensor, gloss: Tensor) -> Tensor:
-    """Return diffuse factor and highlight of N places, (N, 2)."""
-    towards = (normal * scene.to_light).sum(-1).clamp_min(0) * ~shadowed
-    mirrored = 2 * (normal * scene.to_light).sum(-1, keepdim=True) * normal - scene.to_light
-    highlight = (mirrored * to_eye).sum(-1).clamp_min(0) ** HIGHLIGHT_POWER * gloss * ~shadowed
-    return torch.stack((AMBIENT + (1 - AMBIENT) * towards, highlight), -1)
+def _offsets(samples: int) -> list[tuple[float, float]]:
+    """Return the places in a pixel that are looked through; the last one is its centre."""
+    steps = [(step + 0.5) / samples - 0.5 for step in range(samples)]
+    places = [(right, down) for down in steps for right in steps]
+    return [place for place in places if place != (0.0, 0.0)] + [(0.0, 0.0)]
 
 
-def _colours(scene: Scene, view: View, origin: Tensor, directions: Tensor) -> Tensor:
-    """Return the display colour (N, 3) that each ray sees."""
-    hits = first_hits(scene.shapes, origin, directions)
-    depth = hits.depth.clamp_max(INFINITY_M)
-    surface = surface_at(scene.shapes, Hits(depth, hits.shape), origin, directions)
-    of = scene.paints[hits.shape]
-    to_eye = -torch.nn.functional.normalize(directions, dim=-1)
-    slant = (surface.normal * to_eye).sum(-1).abs().clamp_min(0.15)
-    albedo = paint(of, surface.uv, depth / (view.focal_px * slant), scene.table)
-    lifted = surface.place + surface.normal * (1e-3 * depth[:, None])
-    shadowed = scene.in_shadow(lifted)
-    factors = _lit(scene, shadowed, surface.normal, to_eye, of.gloss)
-    linear = albedo * factors[:, :1] + factors[:, 1:]
-    return linear.clamp(0, 1) ** (1 / 2.2)
+def _colours(scene: Scene, camera: Camera, rays: Rays, hits: Hits, towards: Tensor) -> Tensor:
+    """Return the display colours (3, S, H, W) that S images of rays see.
+
+    Args:
+        scene: what they look at.
+        camera: whose rays they are.
+        rays: S images.
+        hits: of the rays.
+        towards: (S, 3) to the light, for each image.
+    """
+    met, depth = hits.shape.flatten(), hits.depth.clamp_max(INFINITY_M)
+    direction = rays.direction.flatten(1)
+    surface = surface_at(scene.shapes, met, rays.at(depth).flatten(1), direction)
+    of = scene.paints[met]
+    to_eye = -direction / dot(direction, direction).sqrt()
+    slant = dot(surface.normal, to_eye).abs().clamp_min(0.15)
+    footprint = depth.flatten() / (camera.focal_px * slant)
+    albedo = paint(of, surface.uv, footprint, scene.table)
+    shadowed = torch.zeros_like(met, dtype=torch.bool)
+    if scene.light.casts_shadows:
+        found = shadows(scene.shapes, camera, Hits(depth, hits.shape), surface, towards)
+        shadowed = found.flatten()
+    bright, highlight = lit(scene.light, surface, shadowed, to_eye, of.gloss)
+    linear = albedo * bright + highlight
+    return (linear.clamp(0, 1) ** (1 / 2.2)).reshape(3, *hits.depth.shape)
 
 
-def _image(scene: Scene, view: View, origin: Tensor, samples: int) -> Tensor:
-    """Draw one view, `samples` x `samples` rays a pixel: (H, W, 3)."""
-    places = [(step + 0.5) / samples - 0.5 for step in range(samples)]
-    total = torch.zeros(view.height * view.width, 3, device=origin.device)
-    for down in places:
-        for right in places:
-            total += _colours(scene, view, origin, _directions(view, (right, down), origin.device))
-    return (total / samples**2).reshape(view.height, view.width, 3)
+def _look(scene: Scene, camera: Camera, samples: int) -> _Seen:
+    """Draw one view, `samples` x `samples` rays a pixel."""
+    offsets = _offsets(samples)
+    rays = camera.rays(offsets, scene.table.device)
+    hits = first_hits(scene.shapes, rays, windows(scene.shapes.corners(), camera))
+    towards = light_directions(scene.light, samples**2)
+    total = torch.zeros_like(rays.direction[:, 0])
+    for number in range(samples**2):
+        one = slice(number, number + 1)
+        through = Rays(rays.origin, rays.direction[:, one])
+        seen = Hits(hits.depth[one], hits.shape[one])
+        total += _colours(scene, camera, through, seen, towards[one])[:, 0]
+    centre = Rays(rays.origin, rays.direction[:, -1:])
+    image = (total / samples**2).permute(1, 2, 0).contiguous()
+    return _Seen(image, centre, Hits(hits.depth[-1:], hits.shape[-1:]))
 
 
-def _disparity(scene: Scene, view: View, origin: Tensor) -> Tensor:
-    """Return the exact disparity (H, W) of one view, d = f B / Z."""
-    hits = first_hits(scene.shapes, origin, _directions(view, (0, 0), origin.device))
-    return (view.focal_px * view.baseline_m / hits.depth).reshape(view.height, view.width)
+def _visible(scene: Scene, view: View, seen: _Seen, other: Camera) -> Tensor:
+    """Return which pixels (H, W) another camera sees, by looking back at their points."""
+    depth = seen.hits.depth
+    there = other.place(depth.device)[:, None, None, None]
+    back = Rays(there, seen.rays.direction + (seen.rays.origin - there) / depth)
+    # The point of column x is at x - shift in the other image.
+    shift = view.focal_px * (other.x_m - seen.rays.origin[0]) / depth
+    slack = float(shift.amin()), float(shift.amax())
+    reached = first_hits(scene.shapes, back, windows(scene.shapes.corners(), other, slack)).depth
+    agrees = (reached - depth).abs() < VISIBLE_TOLERANCE * depth
+    column = torch.arange(view.width, device=depth.device) - shift
+    return (agrees & (column >= 0) & (column <= view.width - 1))[0]
 
 
-def _visible(scene: Scene, view: View, disparity: Tensor, right: Tensor) -> Tensor:
-    """Return which left pixels the right camera sees, by looking back at their points."""
-    directions = _directions(view, (0, 0), right.device)
-    depth = view.focal_px * view.baseline_m / disparity.reshape(-1, 1)
-    back = directions - right / depth
-    reached = first_hits(scene.shapes, right, back).depth
-    seen = (reached - depth[:, 0]).abs() < VISIBLE_TOLERANCE * depth[:, 0]
-    column = torch.arange(view.width, device=right.device) - disparity
-    return seen.reshape(disparity.shape) & (column >= 0)
+def _edges(disparity: Tensor, shape: Tensor) -> Tensor:
+    """Return pixels (H, W) beside a jump of disparity between two surfaces.
+
+    Args:
+        disparity: (H, W) px.
+        shape: (H, W) int64, the surface that each pixel lies on.
+    """
+    edges = torch.zeros_like(shape, dtype=torch.bool)
+    for axis in (0, 1):
+        jump = (disparity.diff(dim=axis).abs() > EDGE_JUMP_PX) & (shape.diff(dim=axis) != 0)
+        size = jump.shape[axis]
+        edges.narrow(axis, 0, size).logical_or_(jump)
+        edges.narrow(axis, 1, size).logical_or_(jump)
+    return edges
+
+
+def _normals(scene: Scene, seen: _Seen) -> Tensor:
+    """Return the unit normals (H, W, 3) of what the pixel centres see, towards the camera."""
+    depth = seen.hits.depth.clamp_max(INFINITY_M)
+    direction = seen.rays.direction.flatten(1)
+    place = seen.rays.at(depth).flatten(1)
+    normal = surface_at(scene.shapes, seen.hits.shape.flatten(), place, direction).normal
+    return normal.T.reshape(*depth.shape[1:], 3).contiguous()
 
 
 def render(scene: Scene, view: View, *, samples: int = 2) -> StereoSample:
@@ -111,26 +165,39 @@ def render(scene: Scene, view: View, *, samples: int = 2) -> StereoSample:
         view: size, focal length and baseline.
         samples: rays a pixel along each axis; more is smoother.
     """
-    device = scene.table.device
-    left = torch.zeros(3, device=device)
-    right = torch.tensor([view.baseline_m, 0.0, 0.0], device=device)
-    disparity = _disparity(scene, view, left)
+    size = (view.width, view.height, view.focal_px)
+    cameras = Camera(*size), Camera(*size, view.baseline_m)
+    left, right = (_look(scene, camera, samples) for camera in cameras)
+    # d = f B / Z
+    of_left, of_right = (
+        view.focal_px * view.baseline_m / seen.hits.depth[0] for seen in (left, right)
+    )
     return StereoSample(
-        _image(scene, view, left, samples),
-        _image(scene, view, right, samples),
-        disparity,
-        _disparity(scene, view, right),
-        _visible(scene, view, disparity, right),
+        left=left.image,
+        right=right.image,
+        disparity_left=of_left,
+        disparity_right=of_right,
+        visible=_visible(scene, view, left, cameras[1]),
+        visible_right=_visible(scene, view, right, cameras[0]),
+        normals=_normals(scene, left),
+        edges=_edges(of_left, left.hits.shape[0]),
     )
 
 
-def draw(generator: torch.Generator, size: tuple[int, int], *, samples: int = 2) -> StereoSample:
+def draw(
+    generator: torch.Generator,
+    size: tuple[int, int],
+    *,
+    samples: int = 2,
+    recipe: Recipe = FULL,
+) -> StereoSample:
     """Compose a random scene and draw it.
 
     Args:
         generator: source of all randomness; its device is where the pair is drawn.
         size: (width, height) in pixels.
         samples: see `render`.
+        recipe: what scenes may be made of; everything by default.
     """
-    scene, view = compose(generator, size)
+    scene, view = compose(generator, size, recipe)
     return render(scene, view, samples=samples)

@@ -1,18 +1,24 @@
-"""Generated pairs: their truth is exact."""
+"""Generated pairs: their truth is exact, and their light is that of the scene."""
+
+import math
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
 import torch
 import torch.nn.functional as F
-from rendered import VIEW, still_life_sample
+from rendered import VIEW, coat, still_life_sample
 
-from recon.training import samples
-from recon.training.composition import View, rotation_about
-from recon.training.furnishing import KINDS_OF_SCENE
+from recon.training import lighting, samples, scenes
+from recon.training.composition import Coat, Thing, View, assemble, rotation_about
 from recon.training.pool import draw_pair, fill_pool, read_pair
+from recon.training.recipe import SCENES, Recipe
 from recon.training.samples import STILL_LIFES
-from recon.training.scenes import draw
-from recon.training.shapes import KINDS, Shapes, first_hits
+from recon.training.scenery import compose
+from recon.training.scenes import draw, render
+from recon.training.textures import noise_table
+
+CULLED = ("clutter", "lattice", "garden", "landscape")
 
 
 @pytest.fixture(scope="module")
@@ -81,43 +87,109 @@ def test_what_is_beyond_the_left_border_of_the_right_view_is_not_visible(sample)
     assert not sample.visible[partner_column(sample) < 0].any()
 
 
-def test_disparity_is_focal_length_times_baseline_over_depth():
-    """A wall straight ahead, by hand."""
-    wall = Shapes(
-        torch.tensor([list(KINDS).index("rectangle")]),
-        torch.tensor([[0.0, 0.0, 4.0]]),
-        torch.eye(3)[None],
-        torch.tensor([[9.0, 9.0, 1.0]]),
-    )
+def test_what_the_left_camera_does_not_show_is_not_visible_in_the_right_view(sample):
+    partner = torch.arange(VIEW.width) + sample.disparity_right
+    warped = sampled_at(sample.left, partner)
 
-    hits = first_hits(wall, torch.zeros(3), torch.tensor([[0.1, 0.2, 1.0], [0.0, 0.0, -1.0]]))
-
-    assert hits.depth.tolist() == [4.0, float("inf")]
+    judged = sample.visible_right & away_from_edges(sample.disparity_right)
+    error = (warped - sample.right).abs().mean(-1)
+    assert not sample.visible_right[partner > VIEW.width - 1].any()
+    assert judged.float().mean() > 0.6
+    assert error[judged].mean() < 0.03
+    assert error[~sample.visible_right].mean() > 2 * error[judged].mean()
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_rays_meet_a_shape_on_its_surface(kind, generator, assert_close):
-    turn = rotation_about(torch.tensor([0.6, 0.0, 0.8]), 0.7)
-    half, centre = torch.tensor([0.5, 0.7, 0.9]), torch.tensor([0.2, -0.1, 4.0])
-    shape = Shapes(torch.tensor([list(KINDS).index(kind)]), centre[None], turn[None], half[None])
-    across = torch.rand(500, 2, generator=generator) * 0.5 - 0.25
-    rays = torch.cat((across, torch.ones(500, 1)), 1)
+def test_normals_are_perpendicular_to_the_surface(sample):
+    """Compare with the cross product of steps to neighbouring points."""
+    x, y = VIEW.centre
+    row, column = torch.meshgrid(torch.arange(VIEW.height), torch.arange(VIEW.width), indexing="ij")
+    depth = (VIEW.focal_px * VIEW.baseline_m / sample.disparity_left).double()
+    ray = torch.stack(((column - x) / VIEW.focal_px, (row - y) / VIEW.focal_px), -1)
+    point = torch.cat((ray, torch.ones_like(ray[..., :1])), -1) * depth[..., None]
+    across, down = point[1:-1, 2:] - point[1:-1, :-2], point[2:, 1:-1] - point[:-2, 1:-1]
+    expected = F.normalize(torch.linalg.cross(down, across), dim=-1)
 
-    depth = first_hits(shape, torch.zeros(3), rays).depth
-    met = depth.isfinite()
-    place = ((depth[met, None] * rays[met] - centre) @ turn) / half
+    inner = sample.normals[1:-1, 1:-1]
+    judged = away_from_edges(sample.disparity_left)[1:-1, 1:-1]
+    cosine = (inner * expected).sum(-1)
+    assert (sample.normals.norm(dim=-1) - 1).abs().max() < 1e-5
+    assert (inner * point[1:-1, 1:-1]).sum(-1).max() < 0  # towards the camera
+    assert (cosine[judged] > 0.999).float().mean() > 0.95  # the ball is curved, the box has edges
 
-    x, y, z = place.abs().unbind(1)
-    flat = torch.stack((x, y), 1)
-    on_surface = {
-        "box": place.abs().amax(1),
-        "ellipsoid": place.norm(dim=1),
-        "cylinder": torch.maximum(flat.norm(dim=1), z),
-        "rectangle": torch.where(flat.amax(1) <= 1.0001, 1 + z, 0),
-        "disc": torch.where(flat.norm(dim=1) <= 1.0001, 1 + z, 0),
-    }[kind]
-    assert 20 < met.sum() < 500
-    assert_close(on_surface, torch.ones(int(met.sum())), atol=1e-4)  # single precision at 4 m
+
+def test_edges_are_the_two_pixels_on_either_side_of_a_jump_between_surfaces(sample):
+    edges = sample.edges
+    jumps = torch.zeros_like(edges)
+    across = sample.disparity_left.diff(dim=1).abs() > 1
+    down = sample.disparity_left.diff(dim=0).abs() > 1
+    jumps[:, 1:] |= across
+    jumps[:, :-1] |= across
+    jumps[1:] |= down
+    jumps[:-1] |= down
+
+    assert torch.equal(edges, jumps)  # nothing here is so slanted that it jumps by itself
+    assert 100 < edges.sum() < 0.1 * edges.numel()
+
+
+def test_a_steep_surface_has_no_edges_of_its_own():
+    steep = rotation_about(torch.tensor([0.0, 1.0, 0.0]), 1.5)
+    wall = Thing("rectangle", (0, 0, 3), (9, 9, 1), steep, coat(5, (0.0, 0.0)))
+    table = noise_table(torch.Generator().manual_seed(3))
+    scene = assemble([wall], table, torch.tensor([0.0, -1.0, 0.0]), shadows=False)
+
+    pair = render(scene, VIEW, samples=1)
+
+    assert (pair.disparity_left.diff(dim=1).abs() > 1).any()
+    assert not pair.edges.any()
+
+
+def lit_wall(**light):
+    """Return the left view of an even wall under a ball, lit from above it."""
+    axes = torch.eye(3)
+    even = Coat("flat", torch.full((2, 3), 0.5), 1.0, grain=0.0)
+    floor = rotation_about(axes[0], math.pi / 2)
+    things = [
+        Thing("rectangle", (0, 0.5, 3), (9, 9, 1), floor, even),
+        Thing("ellipsoid", (0, 0, 2.5), (0.2, 0.2, 0.2), axes, even),
+    ]
+    scene = assemble(things, torch.zeros(512, 512), -axes[1], shadows=True)
+    scene = replace(scene, light=replace(scene.light, **light))
+    return render(scene, View(160, 120, 120.0, 0.1), samples=2)
+
+
+def test_light_that_covers_an_angle_casts_soft_shadows():
+    hard, soft = (lit_wall(spread=spread).left.mean(-1) for spread in (0.0, 0.25))
+
+    dark, bright = hard[60:].min(), hard.max()
+    half_lit = [
+        ((view > dark + 0.02) & (view < bright - 0.02))[70:].float().sum() for view in (hard, soft)
+    ]
+    assert half_lit[1] > 3 * half_lit[0]
+
+
+def test_a_lamp_brightens_what_is_near_it():
+    without = lit_wall().left
+    near_left = lit_wall(lamp=(-0.6, 0.0, 2.0), lamp_strength=0.6, lamp_reach_m=0.5).left
+
+    gain = (near_left - without).mean(-1)[60:]
+    assert gain.min() >= 0
+    assert gain[:, :40].mean() > 2 * gain[:, -40:].mean()
+
+
+def test_highlights_move_with_the_eye():
+    """A diffuse wall looks the same to both cameras, a glossy one does not."""
+    axes = torch.eye(3)
+    differences = []
+    for gloss in (0.0, 0.5):
+        even = Coat("flat", torch.full((2, 3), 0.3), 1.0, grain=0.0, gloss=gloss)
+        wall = Thing("rectangle", (0, 0, 3), (9, 9, 1), axes, even)
+        scene = assemble([wall], torch.zeros(512, 512), -axes[2], shadows=False)
+        pair = render(scene, View(160, 120, 120.0, 0.6), samples=1)
+        moved = pair.left[:, 24:] - pair.right[:, :-24]  # d = 120 x 0.6 / 3 px
+        differences.append(float(moved.abs().max()))
+
+    assert differences[0] < 1e-5
+    assert differences[1] > 0.05
 
 
 def test_the_same_seed_draws_the_same_pair_and_another_draws_another():
@@ -127,19 +199,39 @@ def test_the_same_seed_draws_the_same_pair_and_another_draws_another():
     assert not np.array_equal(one["left"], other["left"])
 
 
-def test_pairs_are_whole_and_varied():
-    pairs = [draw(torch.Generator().manual_seed(seed), (64, 40), samples=1) for seed in range(12)]
+@pytest.mark.parametrize("seed", [1, 2])
+def test_looking_only_where_shapes_can_be_changes_nothing(seed, monkeypatch):
+    """Images with soft shadows, disparities, and what each view sees of the other."""
+    scene, view = compose(torch.Generator().manual_seed(seed), (48, 32), Recipe(scenes=CULLED))
+    shadowy = replace(scene, light=replace(scene.light, casts_shadows=True, spread=0.1))
 
-    for pair in pairs:
-        assert pair.left.shape == pair.right.shape == (40, 64, 3)
-        assert pair.left.min() >= 0
-        assert pair.left.max() <= 1
-        assert pair.disparity_left.isfinite().all()
-        assert (pair.disparity_left >= 0).all()
+    culled = render(shadowy, view)
+    for module in (scenes, lighting):
+        monkeypatch.setattr(module, "windows", lambda *_: None)
+    whole = render(shadowy, view)
+
+    for field in fields(whole):
+        assert torch.equal(getattr(culled, field.name), getattr(whole, field.name)), field.name
+
+
+@pytest.mark.parametrize("kind", SCENES)
+def test_pairs_of_every_kind_are_whole(kind):
+    for seed in range(2):
+        generator = torch.Generator().manual_seed(seed)
+        pair = draw(generator, (64, 40), samples=1, recipe=Recipe(scenes=(kind,)))
+
+        for view in (pair.left, pair.right):
+            assert view.shape == (40, 64, 3)
+            assert view.min() >= 0
+            assert view.max() <= 1
+            assert view.std() > 0.005
+        for disparity in (pair.disparity_left, pair.disparity_right):
+            assert disparity.isfinite().all()
+            assert disparity.min() >= 0
+        assert pair.disparity_left.max() <= 0.31 * 64
         assert pair.visible.float().mean() > 0.3
-    means = torch.tensor([float(pair.disparity_left.mean()) for pair in pairs])
-    assert means.max() > 2.5 * means.min()
-    assert len(KINDS_OF_SCENE) == 5
+        assert pair.visible_right.float().mean() > 0.3
+        assert pair.normals.isfinite().all()
 
 
 def test_drawing_leaves_the_global_randomness_alone():
