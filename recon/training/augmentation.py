@@ -5,88 +5,228 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import torch
-import torch.nn.functional as F
 from torch import Tensor
 
-__all__ = ["Augmentation"]
+from recon.training.misalignment import Pairs, displaced, zoomed
+from recon.training.photometry import (
+    blurred,
+    compressed,
+    saturated,
+    sensed,
+    toned,
+    uneven,
+    vignetted,
+)
+
+__all__ = ["Augmentation", "Pairs"]
+
+REFERENCE_WIDTH = 416
+BEST_QUALITY = 98
+LEAST_BLUR_PX = 0.2  # next to none
 
 
-def _uniform(generator: torch.Generator, count: int, low: float, high: float) -> Tensor:
-    return low + (high - low) * torch.rand(count, 1, 1, 1, generator=generator)
+@dataclass(frozen=True)
+class _Dice:
+    """Random tensors on the device of the pictures."""
+
+    generator: torch.Generator
+
+    def uniform(self, low: float, high: float, *size: int) -> Tensor:
+        """Return numbers in [low, high)."""
+        device = self.generator.device
+        return low + (high - low) * torch.rand(size, generator=self.generator, device=device)
+
+    def normal(self, size: torch.Size) -> Tensor:
+        """Return numbers of mean 0 and standard deviation 1."""
+        return torch.randn(size, generator=self.generator, device=self.generator.device)
+
+    def sometimes(self, share: float, count: int) -> Tensor:
+        """Return (N, 1, 1, 1): 1 in `share` of the cases, else 0."""
+        return (self.uniform(0, 1, count, 1, 1, 1) < share).float()
+
+
+def _dice_on(device: torch.device, generator: torch.Generator) -> _Dice:
+    """Return dice on a device, which follow from the generator wherever that is."""
+    if generator.device == device:
+        return _Dice(generator)
+    seed = int(torch.randint(2**62, (), generator=generator, device=generator.device))
+    return _Dice(torch.Generator(device).manual_seed(seed))
 
 
 @dataclass(frozen=True)
 class Augmentation:
-    """Photometric and small geometric changes, drawn anew for each image of a pair.
+    """Changes that two cameras make, drawn anew for each pair and for each of its views.
+
+    Lengths in pixels are those at a width of 416 and grow with the width; those of blur do not.
 
     Attributes:
-        shared: strength of changes that both views share (exposure, gamma, tint).
+        photometric: change light, tone, sharpness and noise.
+        geometric: move rows and colours by fractions of a pixel, and zoom.
+        occluders: cover a part of one view.
+        shared: strength of changes that both views share (exposure, gamma, tint, saturation).
         apart: strength of changes that one view has alone.
         darkest: how far the exposure of both views may fall, as a logarithm.
-        most_noise: largest standard deviation of the noise, in [0, 1] units.
-        most_rows_px: largest vertical error of rectification, pixels.
-        most_blur_px: largest standard deviation of the blur, pixels.
+        vignetting: largest share of light that the corners lose.
+        uneven_light: largest logarithm of the smooth field that lights one view otherwise.
+        relit: share of the pairs that have such a field.
+        most_noise: largest standard deviation of the noise at white, in [0, 1] units.
+        most_blur_px: largest standard deviation of the blur of any view.
+        most_defocus_px: the same of a view that is out of focus.
+        defocused: share of the views that are.
+        worst_quality: lowest JPEG quality.
+        compressed: share of the pairs that were stored as JPEG.
+        most_rows_px: largest vertical error of rectification: of a shift, of a turn and of a
+            stretch, the latter two at the border.
+        most_colours_px: largest displacement of red and blue from green, in half the pairs.
+        most_zoom: largest enlargement.
+        occluder: largest half extent of an occluder, as a share of the width.
+        covered: share of the pairs that have one.
+
+    Raises:
+        ValueError: if a setting is out of range.
     """
 
-    shared: float = 0.5
-    apart: float = 0.18
-    darkest: float = 1.0
+    photometric: bool = True
+    geometric: bool = True
+    occluders: bool = True
+    shared: float = 0.35
+    apart: float = 0.16
+    darkest: float = 0.6
+    vignetting: float = 0.35
+    uneven_light: float = 0.2
+    relit: float = 0.5
     most_noise: float = 0.02
-    most_rows_px: float = 0.5
     most_blur_px: float = 0.9
+    most_defocus_px: float = 1.6
+    defocused: float = 0.15
+    worst_quality: float = 50.0
+    compressed: float = 0.3
+    most_rows_px: float = 0.6
+    most_colours_px: float = 0.3
+    most_zoom: float = 1.25
+    occluder: float = 0.1
+    covered: float = 0.5
+
+    def __post_init__(self) -> None:
+        if not 0 < self.worst_quality <= BEST_QUALITY:
+            raise ValueError(
+                f"worst_quality must be above 0 and at most {BEST_QUALITY}, "
+                f"got {self.worst_quality}"
+            )
+        if self.most_zoom < 1:
+            raise ValueError(f"most_zoom must be at least 1, got {self.most_zoom}")
+        if self.most_blur_px < LEAST_BLUR_PX:
+            raise ValueError(
+                f"most_blur_px must be at least {LEAST_BLUR_PX}, got {self.most_blur_px}"
+            )
 
     def __call__(
         self, left: Tensor, right: Tensor, generator: torch.Generator
     ) -> tuple[Tensor, Tensor]:
-        """Return the changed pair.
+        """Return the changed pair; what its truth says stays true.
 
         Args:
             left: (N, 3, H, W) in [0, 1].
             right: (N, 3, H, W), the same.
-            generator: source of randomness.
+            generator: source of randomness, on any device.
         """
-        shared = self._tone(len(left), self.shared, generator)
-        shared[:, :3] -= self.darkest * _uniform(generator, len(left), 0, 1) ** 2
-        views = []
-        for view, moves in ((left, False), (right, True)):
-            apart = self._tone(len(left), self.apart, generator)
-            changed = self._moved(view, generator) if moves else view
-            changed = self._blurred(changed, generator)
-            changed = _toned(_toned(changed, shared), apart)
-            strength = self.most_noise * _uniform(generator, len(view), 0, 1) ** 2
-            noise = torch.randn(changed.shape, generator=generator) * strength
-            views.append((changed + noise).clamp(0, 1))
-        return views[0], views[1]
+        dice = _dice_on(left.device, generator)
+        views = left, right
+        if self.geometric:
+            views = self._misaligned(*views, dice)
+        if self.photometric:
+            views = self._photographed(*views, dice)
+        return views
 
-    def _tone(self, count: int, strength: float, generator: torch.Generator) -> Tensor:
+    def whole(self, pairs: Pairs, generator: torch.Generator) -> Pairs:
+        """Return changed pairs with their changed truth: zoom and occluders besides the rest.
+
+        Args:
+            pairs: N pairs.
+            generator: source of randomness, on any device.
+        """
+        dice = _dice_on(pairs.left.device, generator)
+        if self.geometric:
+            pairs = self._enlarged(pairs, dice)
+        if self.occluders:
+            pairs = self._covered(pairs, dice)
+        left, right = self(pairs.left, pairs.right, dice.generator)
+        return pairs._replace(left=left, right=right)
+
+    def _enlarged(self, pairs: Pairs, dice: _Dice) -> Pairs:
+        """Zoom in, a little more in one direction than in the other."""
+        count = len(pairs.left)
+        both = self.most_zoom ** dice.uniform(0, 1, count, 1)
+        stretch = self.most_zoom ** dice.uniform(-0.3, 0.3, count, 1)
+        scale = torch.cat((both * stretch, both / stretch), 1).clamp(1, self.most_zoom)
+        return zoomed(pairs, scale, dice.uniform(0, 1, count, 2))
+
+    def _covered(self, pairs: Pairs, dice: _Dice) -> Pairs:
+        """Cover an ellipse in one view by what is elsewhere in the batch."""
+        count, height, width = pairs.disparity.shape
+        y = torch.arange(height, device=dice.generator.device)[:, None]
+        x = torch.arange(width, device=dice.generator.device)
+        middle = dice.uniform(0, 1, 2, count, 1, 1)
+        reach = width * self.occluder * dice.uniform(0.15, 1, 2, count, 1, 1)
+        choice = dice.uniform(0, 1, count, 1, 1)
+        left_one = choice < self.covered / 2
+        right_one = ~left_one & (choice < self.covered)
+
+        def within(column: Tensor) -> Tensor:
+            across = (column - middle[0] * width) / reach[0]
+            return across**2 + ((y - middle[1] * height) / reach[1]) ** 2 <= 1
+
+        in_left, in_right = within(x) & left_one, within(x) & right_one
+        hidden = in_left | (within(x - pairs.disparity) & right_one)
+        down, across = dice.uniform(0.2, 0.8, 2).tolist()
+        other = pairs.left.roll((1, int(down * height), int(across * width)), (0, 2, 3))
+        return Pairs(
+            torch.where(in_left[:, None], other, pairs.left),
+            torch.where(in_right[:, None], other, pairs.right),
+            pairs.disparity,
+            pairs.visible & ~hidden,
+        )
+
+    def _misaligned(self, left: Tensor, right: Tensor, dice: _Dice) -> tuple[Tensor, Tensor]:
+        """Move the rows of the right view, and the colours of both as their lenses do."""
+        scale, count = left.shape[-1] / REFERENCE_WIDTH, len(left)
+        rows = scale * self.most_rows_px * dice.uniform(-1, 1, count, 3)
+        colours = scale * self.most_colours_px * dice.uniform(-1, 1, 2, count, 2)
+        colours *= (dice.uniform(0, 1, 1, count, 1) < 0.5).float()
+        still = torch.zeros_like(rows)
+        return displaced(left, still, colours[0]), displaced(right, rows, colours[1])
+
+    def _tone(self, count: int, strength: float, dice: _Dice) -> Tensor:
         """Draw logarithms of gain for each channel and of gamma, (N, 4, 1, 1)."""
-        gain = _uniform(generator, count, -strength, strength)
-        tint = (torch.rand(count, 3, 1, 1, generator=generator) - 0.5) * strength
-        gamma = _uniform(generator, count, -strength, strength)
+        gain = dice.uniform(-strength, strength, count, 1, 1, 1)
+        tint = dice.uniform(-strength / 2, strength / 2, count, 3, 1, 1)
+        gamma = dice.uniform(-strength, strength, count, 1, 1, 1)
         return torch.cat((gain + tint, gamma), 1)
 
-    def _blurred(self, view: Tensor, generator: torch.Generator) -> Tensor:
-        """Blur each image by its own small Gaussian of 5 taps."""
-        sigma = _uniform(generator, len(view), 0.2, self.most_blur_px)[:, 0, 0]
-        taps = torch.exp(-(torch.arange(-2, 3.0) ** 2) / (2 * sigma**2))
-        taps = (taps / taps.sum(1, keepdim=True)).repeat_interleave(3, 0)  # (3 N, 5)
-        flat = F.pad(view.reshape(1, -1, *view.shape[2:]), (2, 2, 2, 2), mode="replicate")
-        flat = F.conv2d(flat, taps[:, None, :, None], groups=len(taps))
-        return F.conv2d(flat, taps[:, None, None, :], groups=len(taps)).reshape(view.shape)
+    def _photographed(self, left: Tensor, right: Tensor, dice: _Dice) -> tuple[Tensor, Tensor]:
+        """Light, expose, blur and store both views, partly alike."""
+        count = len(left)
+        shared = self._tone(count, self.shared, dice)
+        shared[:, :3] -= self.darkest * dice.uniform(0, 1, count, 1, 1, 1) ** 2
+        colourful = 1 + dice.uniform(-self.shared, self.shared, count, 1, 1, 1)
+        field = dice.uniform(-1, 1, count, 1, 3, 4) * dice.uniform(0, 1, count, 1, 1, 1)
+        right = uneven(right, self.uneven_light * dice.sometimes(self.relit, count) * field)
+        quality = dice.uniform(self.worst_quality, BEST_QUALITY, count)
+        stored = dice.sometimes(self.compressed, count)
+        views = []
+        for view in (left, right):
+            tone = shared + self._tone(count, self.apart, dice)
+            seen = self._taken(saturated(view, colourful), tone, dice)
+            views.append(torch.where(stored > 0, compressed(seen, quality), seen))
+        return views[0], views[1]
 
-    def _moved(self, view: Tensor, generator: torch.Generator) -> Tensor:
-        """Shift the rows of each image a little, and more to one side than to the other."""
-        count, _, height, width = view.shape
-        shift = _uniform(generator, count, -self.most_rows_px, self.most_rows_px)[:, 0]
-        turn = _uniform(generator, count, -self.most_rows_px, self.most_rows_px)[:, 0]
-        across = torch.linspace(-1, 1, width).expand(count, height, width)
-        down = torch.linspace(-1, 1, height)[:, None].expand(count, height, width)
-        moved = down + (shift + turn * across) * 2 / max(1, height - 1)
-        grid = torch.stack((across, moved), -1)
-        return F.grid_sample(view, grid, padding_mode="border", align_corners=True)
-
-
-def _toned(view: Tensor, tone: Tensor) -> Tensor:
-    """Apply gains and gamma, given as logarithms (N, 4, 1, 1)."""
-    gain, gamma = torch.exp(tone[:, :3]), torch.exp(tone[:, 3:])
-    return (gain * view).clamp(1e-4, 1) ** gamma
+    def _taken(self, view: Tensor, tone: Tensor, dice: _Dice) -> Tensor:
+        """Return what one camera makes of what it sees: blur, vignetting, tone and noise."""
+        count = len(view)
+        sharp = dice.uniform(LEAST_BLUR_PX, self.most_blur_px, count, 1, 1, 1)
+        defocus = self.most_defocus_px * dice.uniform(0, 1, count, 1, 1, 1)
+        sigma = torch.maximum(sharp, defocus * dice.sometimes(self.defocused, count))
+        seen = blurred(view, sigma)
+        seen = vignetted(seen, self.vignetting * dice.uniform(0, 1, count, 1, 1, 1) ** 2)
+        strength = self.most_noise * dice.uniform(0, 1, count, 1, 1, 1) ** 2
+        return sensed(toned(seen, tone), dice.normal(view.shape), strength)
