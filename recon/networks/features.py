@@ -2,42 +2,23 @@
 
 from __future__ import annotations
 
-import itertools
 from copy import deepcopy
-from dataclasses import dataclass
 
 import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 from torch.nn.utils.fusion import fuse_conv_bn_eval
 
+from recon.networks.architecture import STEP_REACH_PX, STEPS, Architecture
+
 __all__ = ["Architecture", "FeatureNetwork"]
 
-
-STEP_REACH_PX = 2
-STEPS = (2 * STEP_REACH_PX + 1) ** 2 - 1
 FAINT_STEP = 0.015  # a few times the noise of a sensor
 
 
-@dataclass(frozen=True)
-class Architecture:
-    """The shape of a feature network.
-
-    Attributes:
-        channels: maps of each branch, full size first, each next one halved; one entry means no
-            pooling.
-        depth: convolutions of each branch.
-        features: length of a pixel's vector.
-    """
-
-    channels: tuple[int, ...] = (64,)
-    depth: int = 4
-    features: int = 64
-
-
-def _convolution(incoming: int, outgoing: int, *, normalised: bool) -> nn.Sequential:
+def _convolution(incoming: int, outgoing: int, *, spacing: int, normalised: bool) -> nn.Sequential:
     """Return a 3 x 3 convolution with ReLU, normalised over the batch while it trains."""
-    layers: list[nn.Module] = [nn.Conv2d(incoming, outgoing, 3, padding=1)]
+    layers: list[nn.Module] = [nn.Conv2d(incoming, outgoing, 3, padding=spacing, dilation=spacing)]
     if normalised:
         layers.append(nn.BatchNorm2d(outgoing))
     return nn.Sequential(*layers, nn.ReLU(inplace=True))
@@ -63,13 +44,15 @@ def _steps(image: Tensor) -> Tensor:
 class _Branch(nn.Module):
     """Convolutions at one size of the image."""
 
-    def __init__(self, incoming: int, channels: int, depth: int, *, normalised: bool) -> None:
+    def __init__(
+        self, incoming: int, channels: int, spacings: tuple[int, ...], *, normalised: bool
+    ) -> None:
         super().__init__()
-        widths = [incoming] + [channels] * depth
+        widths = [incoming] + [channels] * (len(spacings) - 1)
         self.layers = nn.Sequential(
             *(
-                _convolution(before, after, normalised=normalised)
-                for before, after in itertools.pairwise(widths)
+                _convolution(before, channels, spacing=spacing, normalised=normalised)
+                for before, spacing in zip(widths, spacings, strict=True)
             )
         )
 
@@ -82,7 +65,7 @@ class FeatureNetwork(nn.Module):
     """Convolutions and ReLU at full size, and pooled branches that see further.
 
     Each pooled branch starts from the last one, halved by an overlapping mean; all branches are
-    brought back to full size, joined and mixed; a last convolution gives the vectors. The
+    mixed, brought back to full size and added; a last convolution gives the vectors. The
     default is the fast architecture of Zbontar & LeCun, Stereo Matching by Training a CNN to
     Compare Image Patches, JMLR 2016, section 3.1, whose parameters the paper keeps (section 3):
     five convolutions of 3 x 3 with 64 maps, a field of 11 x 11 pixels.
@@ -97,30 +80,23 @@ class FeatureNetwork(nn.Module):
         self.architecture = architecture
         channels, features = architecture.channels, architecture.features
         self.branches = nn.ModuleList(
-            _Branch(before, after, architecture.depth, normalised=normalised)
-            for before, after in zip((STEPS, *channels[:-1]), channels, strict=True)
+            _Branch(before, after, spacings, normalised=normalised)
+            for before, after, spacings in zip(
+                (STEPS, *channels[:-1]), channels, architecture.spacings, strict=True
+            )
         )
         self.mix = nn.Conv2d(sum(channels), features, 1)
         self.last = nn.Conv2d(features, features, 3, padding=1)
 
     @property
     def stride_px(self) -> int:
-        """A crop sees the same pooling grid as the image if its first row is a multiple of this."""
-        levels = len(self.architecture.channels)
-        return 1 << (levels - 1)
+        """See `Architecture.stride_px`."""
+        return self.architecture.stride_px
 
     @property
     def margin_px(self) -> int:
-        """Rows beyond a pixel that its vector depends on, at most; a multiple of `stride_px`."""
-        reach = (
-            STEP_REACH_PX
-            + 1
-            + sum(
-                (self.architecture.depth + 2) << level
-                for level, _ in enumerate(self.architecture.channels)
-            )
-        )
-        return -(-reach // self.stride_px) * self.stride_px
+        """See `Architecture.margin_px`."""
+        return self.architecture.margin_px
 
     def forward(self, image: Tensor) -> Tensor:
         """Return the features of images.
@@ -135,18 +111,22 @@ class FeatureNetwork(nn.Module):
         stride = self.stride_px
         current = F.pad(_steps(image), (0, -width % stride, 0, -height % stride), mode="replicate")
         full = current.shape[-2:]
-        outputs = []
-        for level, branch in enumerate(self.branches):
+        shares = torch.split(self.mix.weight, list(self.architecture.channels), dim=1)
+        for level, (branch, share) in enumerate(zip(self.branches, shares, strict=True)):
             if level:
                 current = F.avg_pool2d(F.pad(current, (1, 1, 1, 1), mode="replicate"), 4, stride=2)
             current = branch(current)
-            outputs.append(current if not level else F.interpolate(current, full, mode="bilinear"))
-        mixed = self.last(F.relu(self.mix(torch.cat(outputs, 1))))
-        return F.normalize(mixed[..., :height, :width], dim=1)
+            if not level:
+                joined = F.conv2d(current, share, self.mix.bias)
+            else:  # mixing commutes with enlarging, and is cheaper before it
+                mixed = F.conv2d(current, share)
+                joined = joined + F.interpolate(mixed, full, mode="bilinear")
+        vectors = self.last(F.relu(joined))[..., :height, :width]
+        return F.normalize(vectors.to(image.dtype), dim=1)
 
     def fused(self) -> FeatureNetwork:
         """Return the same function with batch normalisation folded into the convolutions."""
-        result = FeatureNetwork(self.architecture)
+        result = FeatureNetwork(self.architecture).to(self.mix.weight.device)
         result.mix.load_state_dict(self.mix.state_dict())
         result.last.load_state_dict(self.last.state_dict())
         ours = [module for module in result.branches.modules() if isinstance(module, nn.Conv2d)]

@@ -66,9 +66,9 @@ def load_features(name: str, device: str | torch.device = "cpu") -> FeatureNetwo
     path = _find(name)
     try:
         with safe_open(path, framework="pt") as file:
-            settings = json.loads((file.metadata() or {})["network"])
+            settings = dict(json.loads((file.metadata() or {})["network"]))
             tensors = {key: file.get_tensor(key) for key in file.keys()}  # noqa: SIM118  not a dict
-        settings["channels"] = tuple(settings["channels"])
+        settings = {key: tuple(v) if isinstance(v, list) else v for key, v in settings.items()}
         network = FeatureNetwork(Architecture(**settings))
         network.load_state_dict(tensors)
     except (SafetensorError, KeyError, ValueError, RuntimeError, TypeError) as error:

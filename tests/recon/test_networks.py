@@ -1,11 +1,14 @@
 """The feature network, and the files that hold its weights."""
 
+import itertools
 import json
+from dataclasses import replace
 
 import pytest
 import torch
 from safetensors import safe_open
 from safetensors.torch import save
+from torch.utils.flop_counter import FlopCounterMode
 
 from recon.networks import (
     Architecture,
@@ -14,9 +17,13 @@ from recon.networks import (
     save_features,
     shipped_weights,
 )
+from recon.networks.architecture import VARIANTS, architecture_named
 
 SMALL = Architecture(channels=(6, 8, 8), depth=2, features=8)
 PLAIN = Architecture(channels=(6,), depth=3, features=8)
+DILATED = Architecture(channels=(6,), depth=3, features=8, dilations=(1, 2, 5))
+BOTH = Architecture(channels=(6, 8), depth=2, features=8, dilations=(1, 3))
+SHAPES = (SMALL, PLAIN, DILATED, BOTH)
 LOOSE = {"rtol": 1e-4, "atol": 1e-5}  # convolutions choose their algorithm by size
 
 
@@ -24,6 +31,15 @@ def network_of(architecture, *, normalised=False):
     with torch.random.fork_rng():
         torch.manual_seed(5)
         return FeatureNetwork(architecture, normalised=normalised).eval()
+
+
+def thinned(architecture):
+    """Return a network with one map where there are many, and no path of weights that cancels."""
+    thin = replace(architecture, channels=(1,) * len(architecture.channels), features=2)
+    network = network_of(thin)
+    for value in network.parameters():
+        torch.nn.init.uniform_(value, 0.1, 1.0, generator=torch.Generator().manual_seed(6))
+    return network
 
 
 @pytest.fixture
@@ -40,7 +56,7 @@ def weights(tmp_path):
 
 class TestFeatures:
     @pytest.mark.parametrize("size", [(1, 1), (2, 3), (7, 16), (33, 20)])
-    @pytest.mark.parametrize("architecture", [SMALL, PLAIN])
+    @pytest.mark.parametrize("architecture", SHAPES)
     def test_images_of_any_size_get_a_unit_vector_for_each_pixel(
         self, architecture, size, generator, assert_close
     ):
@@ -51,14 +67,20 @@ class TestFeatures:
         assert features.shape == (2, 8, *size)
         assert_close(features.norm(dim=1), torch.ones(2, *size))
 
-    def test_folding_the_normalisation_changes_nothing(self, image, assert_close):
-        network = network_of(SMALL, normalised=True).train()
+    @pytest.mark.parametrize("architecture", SHAPES)
+    def test_folding_the_normalisation_changes_nothing(self, architecture, image, assert_close):
+        network = network_of(architecture, normalised=True).train()
         for _ in range(3):
             network(torch.cat([image, 1 - image]))  # so that the statistics are not the first ones
         network.eval()
 
         assert_close(network.fused()(image), network(image), **LOOSE)
         assert not [m for m in network.fused().modules() if isinstance(m, torch.nn.BatchNorm2d)]
+
+    def test_folding_stays_on_the_device(self):
+        network = network_of(SMALL, normalised=True).to("meta")
+
+        assert {value.device.type for value in network.fused().parameters()} == {"meta"}
 
     def test_folding_leaves_the_network_in_training(self, image):
         network = network_of(SMALL, normalised=True).train()
@@ -69,7 +91,7 @@ class TestFeatures:
         assert network.training
         assert all(torch.equal(before[n], value) for n, value in network.state_dict().items())
 
-    @pytest.mark.parametrize("architecture", [SMALL, PLAIN])
+    @pytest.mark.parametrize("architecture", SHAPES)
     def test_a_crop_with_its_margin_has_the_features_of_the_whole(
         self, architecture, generator, assert_close
     ):
@@ -77,7 +99,6 @@ class TestFeatures:
         margin, stride = network.margin_px, network.stride_px
         image = torch.rand(1, 3, 3 * margin + 40, 24, generator=generator)
         whole = network(image)
-        assert margin % stride == 0
 
         for first in (stride, 3 * stride):
             stop = first + 2 * margin + 11
@@ -85,20 +106,84 @@ class TestFeatures:
             inner = crop[:, :, margin:-margin]
             assert_close(inner, whole[:, :, first + margin : stop - margin], **LOOSE)
 
-    def test_the_margin_is_not_much_larger_than_the_reach(self, generator):
-        network = network_of(SMALL)
-        row = 2 * network.margin_px
-        image = torch.rand(1, 3, 4 * network.margin_px, 9, generator=generator, requires_grad=True)
+    @pytest.mark.parametrize("architecture", [*SHAPES, *VARIANTS.values()], ids=str)
+    def test_a_vector_depends_on_pixels_as_far_as_the_margin_and_no_further(self, architecture):
+        """Under pooling the furthest of all places on the grid counts."""
+        network = thinned(architecture)
+        margin, stride = network.margin_px, network.stride_px
+        middle = -(-(margin + 1) // stride) * stride
+        size = 2 * middle + stride
+        reaches = []
 
-        network(image)[0, 0, row].sum().backward()
+        for step, axis in itertools.product(range(stride), (2, 3)):
+            shape = [1, 3, 2 * stride, 2 * stride]
+            shape[axis] = size
+            image = torch.full(shape, 0.5, requires_grad=True)
+            network(image).select(axis, middle + step).sum().backward()
+            seen = image.grad.abs().sum(dim=(0, 1, 5 - axis)).nonzero()
+            reaches += [middle + step - int(seen.min()), int(seen.max()) - middle - step]
 
-        reached = image.grad.abs().sum(dim=(0, 1, 3)).nonzero()[:, 0]
-        reach = max(row - int(reached.min()), int(reached.max()) - row)
-        assert reach <= network.margin_px <= 1.6 * reach
+        assert max(reaches) == margin
+
+    def test_the_margins_of_networks_counted_by_hand(self):
+        assert Architecture().margin_px == 2 + 4 + 1
+        assert PLAIN.margin_px == 2 + 3 + 1
+        assert DILATED.margin_px == 2 + (1 + 2 + 5) + 1
 
     def test_without_pooling_there_is_no_grid(self):
         assert network_of(PLAIN).stride_px == 1
         assert network_of(SMALL).stride_px == 4
+
+    def test_under_autocast_vectors_keep_length_one(self, image, assert_close):
+        with torch.autocast("cpu", torch.bfloat16):
+            features = network_of(SMALL)(image)
+
+        assert features.dtype == torch.float32
+        assert_close(features.norm(dim=1), torch.ones(1, 61, 47))
+
+
+class TestArchitecture:
+    @pytest.mark.parametrize("architecture", [*SHAPES, *VARIANTS.values()], ids=str)
+    def test_the_operations_are_those_that_torch_counts(self, architecture):
+        network = network_of(architecture)
+        height, width = 32, 48  # of which every branch is a whole share
+
+        with FlopCounterMode(display=False) as counter, torch.no_grad():
+            network(torch.zeros(2, 3, height, width))
+
+        assert counter.get_total_flops() == round(
+            architecture.gflop_per_megapixel_pair * 1e9 * height * width / 1e6
+        )
+
+    def test_the_variants_keep_their_limits(self):
+        weights = {
+            name: sum(value.numel() for value in FeatureNetwork(shape).parameters())
+            for name, shape in VARIANTS.items()
+        }
+
+        assert weights["fast"] == 165_760
+        assert weights["wide"] <= 1_000_000
+        assert VARIANTS["wide"].margin_px > 4 * VARIANTS["fast"].margin_px
+
+    def test_an_unknown_variant_is_refused_with_those_there_are(self):
+        assert architecture_named("fast") == Architecture()
+        with pytest.raises(ValueError, match="unknown variant 'fats'; there are fast, wide"):
+            architecture_named("fats")
+
+    @pytest.mark.parametrize(
+        ("settings", "message"),
+        [
+            ({"channels": ()}, "channels must have from 1 to 5 branches, got 0"),
+            ({"channels": (4,) * 6}, "channels must have from 1 to 5 branches, got 6"),
+            ({"channels": (4, 0)}, "must be positive"),
+            ({"depth": 0}, "must be positive"),
+            ({"dilations": (1, 2)}, "one a convolution: depth is 4 but there are 2"),
+            ({"dilations": (1, 2, 0, 1)}, "must be positive"),
+        ],
+    )
+    def test_a_shape_that_cannot_be_is_refused(self, settings, message):
+        with pytest.raises(ValueError, match=message):
+            Architecture(**settings)
 
 
 class TestWeights:
@@ -115,7 +200,33 @@ class TestWeights:
             header = file.metadata()
 
         assert header["command"] == "by hand"
-        assert json.loads(header["network"]) == {"channels": [6, 8, 8], "depth": 2, "features": 8}
+        assert json.loads(header["network"]) == {
+            "channels": [6, 8, 8],
+            "depth": 2,
+            "features": 8,
+            "dilations": [],
+        }
+
+    def test_dilations_are_kept(self, tmp_path):
+        path = tmp_path / "dilated.safetensors"
+        save_features(path, network_of(BOTH), about={})
+
+        assert load_features(str(path)).architecture == BOTH
+
+    def test_the_first_weights_still_give_the_same_features(self, assert_close):
+        """Their header knows of no dilations; the values were computed when they were made."""
+        y, x = torch.arange(40.0)[:, None], torch.arange(52.0)
+        red, green = (
+            0.5 + 0.4 * torch.sin(0.7 * x + 0.3 * y),
+            0.5 + 0.4 * torch.cos(0.11 * x * y / 7),
+        )
+        blue = 0.5 + 0.3 * torch.sin(0.9 * y - 0.2 * x)
+
+        features = load_features("fast")(torch.stack([red, green, blue])[None])[0, :4]
+
+        assert_close(features[:, 0, 0], [0.289452, -0.351474, 0.125405, 0.238871])
+        assert_close(features[:, 20, 26], [0.140217, 0.030633, -0.031411, 0.269637])
+        assert_close(features[:, 39, 51], [0.203871, -0.130118, 0.005899, 0.036367])
 
     def test_nothing_but_the_file_is_left(self, weights):
         assert list(weights.parent.iterdir()) == [weights]
