@@ -47,7 +47,7 @@ ROWS = (
 ONLY_IN = {
     "rerun": ("recon.viewer",),
     "rich": ("recon.cli",),
-    "tyro": ("recon.cli", "recon.training.train"),
+    "tyro": ("recon.cli",),
     "pydantic": ("recon.settings",),
     "trimesh": ("recon.files",),
     "safetensors": ("recon.networks",),

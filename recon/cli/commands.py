@@ -12,6 +12,7 @@ from recon.cli.evaluate import evaluate
 from recon.cli.look import presets, view
 from recon.cli.pair import demo, pair
 from recon.cli.terminal import errors
+from recon.cli.train import train
 
 __all__ = ["COMMANDS", "main"]
 
@@ -21,6 +22,7 @@ COMMANDS: dict[str, Callable[..., Any]] = {
     "demo": demo,
     "evaluate": evaluate,
     "presets": presets,
+    "train": train,
     "view": view,
 }
 
