@@ -42,8 +42,8 @@ class Matcher:
         filling: for rejected pixels; without one they stay without disparity.
         refinements: one after the other.
         volume_limit_mb: a volume that would take more MB is made strip by strip, from the top and
-            at least 16 rows at a time, with the same result; about four such volumes are in
-            memory at once.
+            at least 16 rows at a time; about four such volumes are in memory at once. The result
+            is the same, but for semi-global paths: they begin 64 rows outside the strip.
     """
 
     matching_cost: MatchingCost
@@ -123,28 +123,37 @@ class Matcher:
             volume = self.matching_cost(*views, disparities, rows=strip.costs)
             observe("matching_cost", volume)
             volume = self.aggregation(volume, guide=views[0][strip.costs])
-            volume = CostVolume(volume.cost[strip.result], disparities)
+            volume = CostVolume(volume.cost[strip.chosen], disparities)
             observe("aggregation", volume)
 
-            of_left.append(self.optimisation(volume))
-            of_right.append(self.optimisation(volume.seen_from_right()))
+            of_left.append(self._choice(volume, views[0], strip))
+            of_right.append(self._choice(volume.seen_from_right(), views[1], strip))
             del volume  # before the next strip takes as much again
         return _stacked(of_left), _stacked(of_right)
+
+    def _choice(self, volume: CostVolume, view: Tensor, strip: _Strip) -> DisparityMap[Tensor]:
+        """Return the disparities of the rows of a strip in one view."""
+        found = self.optimisation(volume, guide=view[strip.costs][strip.chosen])
+        rows = strip.result
+        return DisparityMap(found.values[rows], found.status[rows], found.confidence[rows])
 
     def _strips(self, height: int, row_bytes: int) -> Iterator[_Strip]:
         """Cut an image into strips whose volumes keep the limit."""
         rows = int(self.volume_limit_mb * 1e6 / row_bytes)
-        margin = self.aggregation.margin_px
+        around = self.optimisation.margin_px
+        margin = self.aggregation.margin_px + around
         step = height if rows >= height else max(GRID_ROWS, rows - 2 * margin)
         for top in range(0, height, step):
             bottom = min(top + step, height)
             start, stop = max(0, top - margin), min(height, bottom + margin)
+            begin, end = max(0, top - around), min(height, bottom + around)
             context = self.matching_cost.margin_px
             first = max(0, start - context) // GRID_ROWS * GRID_ROWS
             yield _Strip(
                 seen=slice(first, min(height, stop + context)),
                 costs=slice(start - first, stop - first),
-                result=slice(top - start, bottom - start),
+                chosen=slice(begin - start, end - start),
+                result=slice(top - begin, bottom - begin),
             )
 
 
@@ -155,11 +164,13 @@ class _Strip:
     Attributes:
         seen: rows of the image that the matching cost sees.
         costs: rows that have costs, counted from the first that is seen.
-        result: rows that get a disparity, counted from the first that has costs.
+        chosen: rows for which a candidate is chosen, counted from the first that has costs.
+        result: rows whose choice is kept, counted from the first of these.
     """
 
     seen: slice
     costs: slice
+    chosen: slice
     result: slice
 
 

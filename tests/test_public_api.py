@@ -21,7 +21,7 @@ PUBLIC = {
         NormalisedCrossCorrelation SumOfAbsoluteDifferences SumOfSquaredDifferences
         ZeroMeanNormalisedCrossCorrelation""",
     "recon.networks": """Architecture FeatureNetwork load_features save_features shipped_weights""",
-    "recon.optimisation": "OPTIMISATIONS Optimisation WinnerTakesAll",
+    "recon.optimisation": "OPTIMISATIONS Optimisation SemiGlobal WinnerTakesAll",
     "recon.refinement": "REFINEMENTS DomainTransform Median Refinement WeightedMedian",
     "recon.viewer": "Drawing Limits RerunObserver archetypes open_recording",
 }

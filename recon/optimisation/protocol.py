@@ -14,11 +14,17 @@ __all__ = ["Optimisation"]
 class Optimisation(Protocol):
     """How a disparity is chosen from its costs."""
 
-    def __call__(self, volume: CostVolume) -> DisparityMap[Tensor]:
-        """Choose one candidate for every pixel, row by row.
+    @property
+    def margin_px(self) -> int:
+        """Rows up and down that the choice for a pixel depends on, or nearly so."""
+        ...
+
+    def __call__(self, volume: CostVolume, *, guide: Tensor) -> DisparityMap[Tensor]:
+        """Choose one candidate for every pixel.
 
         Args:
             volume: of either view.
+            guide: (H, W, 3) in [0, 1], that view.
 
         Returns:
             (H, W); MATCHED, or OUTSIDE where a pixel has no candidate at all.

@@ -27,7 +27,12 @@ class WinnerTakesAll:
 
     subpixel: bool = True
 
-    def __call__(self, volume: CostVolume) -> DisparityMap[Tensor]:
+    @property
+    def margin_px(self) -> int:
+        """No row but its own."""
+        return 0
+
+    def __call__(self, volume: CostVolume, *, guide: Tensor) -> DisparityMap[Tensor]:  # noqa: ARG002
         """Choose for every pixel alone."""
         minimum = lowest(volume.cost)
         found = minimum.layer >= 0

@@ -16,6 +16,7 @@ from recon.filling import Filling
 from recon.matcher import GRID_ROWS, Matcher
 from recon.matching_cost import Census, LearnedCost, SumOfAbsoluteDifferences
 from recon.networks import Architecture, FeatureNetwork, save_features
+from recon.optimisation import SemiGlobal
 from recon.refinement import DomainTransform, Median
 from recon.types import CostVolume, DisparityMap, PixelStatus
 
@@ -135,6 +136,15 @@ class TestStrips:
         same = np.isclose(strips.values, whole.values, atol=1e-3, equal_nan=True)
         assert same.mean() > 0.999
         assert np.abs(strips.confidence - whole.confidence)[same].max() < 1e-3
+
+    def test_semi_global_strips_give_nearly_the_whole(self, tall):
+        """Paths begin 64 rows outside a strip: by then they have forgotten where."""
+        matcher = Matcher(Census(), AGGREGATIONS["none"](), optimisation=SemiGlobal())
+
+        whole = matcher(tall, range(8))
+        strips = replace(matcher, volume_limit_mb=0.06)(tall, range(8))
+
+        assert np.isclose(strips.values, whole.values, atol=1e-3).mean() > 0.999
 
     def test_volumes_keep_the_limit(self, tall):
         limit_mb = 0.06
