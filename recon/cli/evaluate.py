@@ -63,7 +63,7 @@ def evaluate(  # noqa: PLR0913  every one is an option of the command
         disparities: maps of another program, DIR/SCENE.pfm, .png (16 bits, pixels times 256) or
             .npy; may be given again.
         variant: a preset with other settings, as a row of its own; may be given again, as for an
-            ablation: --variant 'no filter=paper refinements=[]'.
+            ablation: --variant 'no filter=paper refinements=[]'; no spaces within a setting.
         protocol: official, zs-all, zs-noc, zs-noc192; see the notes in the report.
         scenes: only these.
         truth: folder with truth of the same scenes at 2 or 4 times the size.
@@ -143,7 +143,7 @@ def _presets(
     ]
     for text in variants:
         name, equals, spelled = text.partition("=")
-        words = shlex.split(spelled)
+        words = spelled.split()  # quotes belong to the values, as in TOML
         if not equals or not name.strip() or not words:
             raise ValueError(
                 "expected --variant 'NAME=PRESET SETTING=VALUE ...' such as "

@@ -128,7 +128,7 @@ class TestRuns:
         assert not (scenes.parent / "out" / "results.json").exists()
 
     def test_presets_variants_and_baselines_are_rows(self, scenes):
-        cheap = "matching_cost.method=census aggregation.method=none refinements=[]"
+        cheap = "matching_cost.method=census aggregation.method=none refinements=['median']"
 
         main(["evaluate", str(scenes), "-o", str(scenes.parent / "out"), "--preset", "census",
               "--variant", f"plain=paper {cheap}", "--baseline", "opencv-sgbm", "--sparse",
@@ -141,6 +141,7 @@ class TestRuns:
             for suffix in ("", " (sparse)")
         ]
         assert methods["plain"]["settings"]["aggregation"] == {"method": "none"}
+        assert methods["plain"]["settings"]["refinements"][0]["method"] == "median"
         assert methods["census"]["settings"]["min_segment_px"] == 20
         nonocc = methods["census"]["protocol"]["own-size"]["mean"]["nonocc"]
         assert nonocc["avgerr"] < 1.5
