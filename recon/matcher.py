@@ -124,7 +124,7 @@ class Matcher:
             observe("matching_cost", volume)
             volume = self.aggregation(volume, guide=views[0][strip.costs])
             volume = CostVolume(volume.cost[strip.chosen], disparities)
-            observe("aggregation", volume)
+            observe("aggregation", CostVolume(volume.cost[strip.result], disparities))
 
             of_left.append(self._choice(volume, views[0], strip))
             of_right.append(self._choice(volume.seen_from_right(), views[1], strip))

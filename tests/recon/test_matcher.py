@@ -141,10 +141,20 @@ class TestStrips:
         """Paths begin 64 rows outside a strip: by then they have forgotten where."""
         matcher = Matcher(Census(), AGGREGATIONS["none"](), optimisation=SemiGlobal())
 
+        rows = []
+
         whole = matcher(tall, range(8))
-        strips = replace(matcher, volume_limit_mb=0.06)(tall, range(8))
+        strips = replace(matcher, volume_limit_mb=0.06)(
+            tall,
+            range(8),
+            observe=lambda stage, result: (
+                rows.append(len(result.cost)) if stage == "aggregation" else None
+            ),
+        )
 
         assert np.isclose(strips.values, whole.values, atol=1e-3).mean() > 0.999
+        assert len(rows) > 1
+        assert sum(rows) == len(tall.left)  # observers see every row once
 
     def test_volumes_keep_the_limit(self, tall):
         limit_mb = 0.06
