@@ -8,11 +8,10 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from rich.box import SIMPLE_HEAD
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
-from rich.table import Table
 from tyro.conf import Positional, UseAppendAction, arg
 
+from recon.cli.means import print_means
 from recon.cli.terminal import Device, Out, Overrides, console, device_named, errors, preset_with
 
 if TYPE_CHECKING:
@@ -22,10 +21,6 @@ __all__ = ["evaluate"]
 
 Names = Annotated[str, arg(metavar="NAME,...")]
 Repeated = UseAppendAction[tuple[str, ...]]
-COLUMNS = (
-    ("nonocc", "avgerr"), ("nonocc", "bad2.0"), ("nonocc", "bad4.0"), ("nonocc", "invalid"),
-    ("all", "avgerr"), ("all", "bad2.0"),
-)  # fmt: skip
 
 
 def evaluate(  # noqa: PLR0913  every one is an option of the command
@@ -83,6 +78,8 @@ def evaluate(  # noqa: PLR0913  every one is an option of the command
 
     if jobs < 1:
         raise ValueError(f"--jobs must be at least 1, got {jobs}")
+    if max_disparity is not None and max_disparity < 1:
+        raise ValueError(f"--max-disparity must be at least 1 px, got {max_disparity}")
     methods = [
         *_presets(_listed(preset), variant, override, device_named(device)),
         *_baselines(_listed(baseline)),
@@ -115,7 +112,7 @@ def evaluate(  # noqa: PLR0913  every one is an option of the command
         "html": html or out / "report.html",
     }
     write_results(result, entries, out=out, places=places)
-    _print_tables(result)
+    print_means(result)
     console.print(f"see {', '.join(map(str, places.values()))}", soft_wrap=True)
     failed = failures(entries)
     for reason in failed:
@@ -210,11 +207,24 @@ def _find(
             problems.append(str(error))
     if not found:
         raise ValueError("; ".join(problems) or "name at least one folder of pairs with truth")
+    _refuse_equal_scenes(found)
     known = sorted({files.name for files in found})
     missing = [name for name in names if name not in known]
     if missing:
         raise ValueError(f"there is no scene {', '.join(missing)}; there are {', '.join(known)}")
     return [files for files in found if not names or files.name in names], problems
+
+
+def _refuse_equal_scenes(found: Sequence[SceneFiles]) -> None:
+    """Raise ValueError if two scenes would be one row and share a folder of results."""
+    folders: dict[tuple[str, str], Path] = {}
+    for files in found:
+        first = folders.setdefault((files.dataset, files.name), files.folder)
+        if first != files.folder:
+            raise ValueError(
+                f"{first} and {files.folder} would both be called {files.dataset}/{files.name}; "
+                "evaluate them one after the other, each with an -o of its own"
+            )
 
 
 def _run(tasks: Sequence[Task], jobs: int, resume: bool) -> list[Entry]:
@@ -242,69 +252,10 @@ def _run(tasks: Sequence[Task], jobs: int, resume: bool) -> list[Entry]:
 
 def _known(methods: Sequence[Method], sparse: bool) -> dict[str, dict[str, Any]]:
     """Return what is known of every row beside its figures."""
-    from recon.evaluation import SPARSE
+    from recon.evaluation import suffixes
 
     return {
         method.name + suffix: {"kind": method.kind, "settings": dict(method.settings())}
         for method in methods
-        for suffix in (("", SPARSE) if sparse else ("",))
+        for suffix in suffixes(sparse=sparse)
     }
-
-
-def _print_tables(result: dict[str, Any]) -> None:
-    """Print one table a protocol."""
-    methods = result["methods"]
-    labels = dict.fromkeys(label for method in methods.values() for label in method["protocol"])
-    for label in labels:
-        rows = {
-            name: method["protocol"][label]
-            for name, method in methods.items()
-            if label in method["protocol"]
-        }
-        holes = any(_figure(found, "nonocc", "invalid") for found in rows.values())
-        left_out = "bad4.0" if holes else "invalid"  # a terminal has 80 columns
-        shown = [
-            (region, measure)
-            for region, measure in COLUMNS
-            if measure != left_out
-            and any(_figure(found, region, measure) is not None for found in rows.values())
-        ]
-        pairs = sorted({_pairs(found) for found in rows.values()})
-        title = f"{label}, means over {' or '.join(pairs)} pairs (errors in px, the rest in %)"
-        table = Table(
-            title=title, title_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False
-        )
-        table.add_column("\nmethod", no_wrap=True)
-        for region, measure in shown:
-            table.add_column(f"{region}\n{measure}", justify="right")
-        costs = ("\ns", "peak\nMB", "\npairs")[: 2 if len(pairs) == 1 else 3]
-        for name in costs:
-            table.add_column(name, justify="right")
-        for name, found in rows.items():
-            table.add_row(name, *_cells(found, shown)[: len(shown) + len(costs)])
-        console.print(table)
-
-
-def _figure(found: dict[str, Any], region: str, measure: str) -> float | None:
-    """Return the mean of one measure, None if it has none."""
-    figure: float | None = found["mean"].get(region, {}).get(measure)
-    return figure
-
-
-def _pairs(found: dict[str, Any]) -> str:
-    """Return how many scenes the means are over."""
-    counted: int = found["scenes_counted"]
-    failed = found["scenes_failed"]
-    return f"{counted} of {counted + failed}" if failed else str(counted)
-
-
-def _cells(found: dict[str, Any], shown: Iterable[tuple[str, str]]) -> list[str]:
-    """Return the cells of one row."""
-    mean = found["mean"]
-    figures = [*(_figure(found, *column) for column in shown), mean.get("seconds")]
-    peak = mean.get("peak_mb")
-    return [
-        *("-" if figure is None else f"{figure:.2f}" for figure in figures),
-        "-" if peak is None else f"{peak:.0f}",
-        _pairs(found),
-    ]

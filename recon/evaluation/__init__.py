@@ -5,7 +5,7 @@ from recon.evaluation.methods import MapsOnDisk, MatcherOfOpenCv, MatcherOfPrese
 from recon.evaluation.opencv_matchers import OPENCV_MATCHERS
 from recon.evaluation.protocols import PROTOCOLS
 from recon.evaluation.results import write_results
-from recon.evaluation.runner import SPARSE, Entry, Task, evaluate
+from recon.evaluation.runner import SPARSE, Entry, Task, evaluate, suffixes
 from recon.evaluation.scene import Scene, SceneFiles, Truth
 from recon.evaluation.tables import failures, whole_result
 
@@ -27,6 +27,7 @@ __all__ = [
     "failures",
     "find_scenes",
     "read_scene",
+    "suffixes",
     "whole_result",
     "write_results",
 ]

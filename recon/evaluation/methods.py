@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
 
 import cv2
 import numpy as np
 
+from recon.evaluation.layouts.truths import disparity_from_levels
 from recon.evaluation.opencv_matchers import OpenCvMatcher
 from recon.evaluation.scene import Scene
 from recon.files import read_pfm
@@ -18,7 +19,7 @@ from recon.types import Array, DisparityMap, PixelStatus
 
 __all__ = ["MapsOnDisk", "MatcherOfOpenCv", "MatcherOfPreset", "Method"]
 
-STEPS_OF_16_BITS = 256.0
+LEVELS_PER_PX = 256.0
 """A PNG of 16 bits holds disparities times 256, as KITTI stores them; 0 is none."""
 
 
@@ -63,9 +64,9 @@ class MatcherOfPreset:
     name: str
     preset: Preset
     device: str = "cpu"
-    kind: str = "preset"
-    measured: bool = True
-    confident: bool = True
+    kind: str = field(default="preset", init=False)
+    measured: bool = field(default=True, init=False)
+    confident: bool = field(default=True, init=False)
 
     def settings(self) -> Mapping[str, Any]:
         """Return the preset as tables, and the device."""
@@ -87,9 +88,9 @@ class MatcherOfOpenCv:
 
     name: str
     matcher: OpenCvMatcher
-    kind: str = "baseline"
-    measured: bool = True
-    confident: bool = False
+    kind: str = field(default="baseline", init=False)
+    measured: bool = field(default=True, init=False)
+    confident: bool = field(default=False, init=False)
 
     def settings(self) -> Mapping[str, Any]:
         """Return the fields of the matcher."""
@@ -113,9 +114,9 @@ class MapsOnDisk:
 
     name: str
     folder: Path
-    kind: str = "files"
-    measured: bool = False
-    confident: bool = False
+    kind: str = field(default="files", init=False)
+    measured: bool = field(default=False, init=False)
+    confident: bool = field(default=False, init=False)
 
     def __post_init__(self) -> None:
         if not self.folder.is_dir():
@@ -188,7 +189,7 @@ def _read_png(path: Path) -> Array:
             "disparities need 16 bits and one channel (pixels times 256), or a PFM: 8 bits say "
             "nothing of their scale"
         )
-    return np.where(stored == 0, np.nan, stored / STEPS_OF_16_BITS)
+    return disparity_from_levels(stored, levels_per_px=LEVELS_PER_PX)
 
 
 def _read_npy(path: Path) -> Array:

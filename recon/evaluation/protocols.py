@@ -12,7 +12,7 @@ from types import MappingProxyType
 import numpy as np
 
 from recon.evaluation.metrics import measures
-from recon.evaluation.regions import times_smaller
+from recon.evaluation.regions import repeated, times_smaller
 from recon.evaluation.scene import Scene
 from recon.types import Array
 
@@ -186,9 +186,7 @@ def enlarged(values: Array, shape: tuple[int, int]) -> Array:
         ValueError: if s is not 1, 2 or 4, or not the same in x and y.
     """
     factor = times_smaller(values.shape, shape, what="disparity map")
-    if factor == 1:
-        return values
-    return (values * factor).repeat(factor, axis=0).repeat(factor, axis=1)
+    return repeated(values if factor == 1 else values * factor, shape)
 
 
 def signed_errors(found: Array, scene: Scene, protocol: Protocol) -> Array:

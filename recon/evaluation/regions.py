@@ -8,7 +8,7 @@ import numpy as np
 from recon.evaluation.scene import Scene
 from recon.types import Array
 
-__all__ = ["regions", "times_smaller"]
+__all__ = ["regions", "repeated", "times_smaller"]
 
 EDGE_GAP_PX = 2.0
 EDGE_WIDTH_PX = 9
@@ -43,8 +43,7 @@ def regions(scene: Scene) -> dict[str, Array]:
         seen = known & truth.visible
         named |= {"nonocc": seen, "occluded": known & ~truth.visible}
     image = scene.pair.left
-    factor = times_smaller(image.shape[:2], truth.disparity.shape, what="left image")
-    flat = without_texture(image).repeat(factor, axis=0).repeat(factor, axis=1)
+    flat = repeated(without_texture(image), truth.disparity.shape, what="left image")
     return {**named, "edges": seen & near_edges(truth.disparity), "textureless": seen & flat}
 
 
@@ -95,6 +94,23 @@ def without_texture(image: Array) -> Array:
         squared_gradient, -1, window, normalize=False, borderType=cv2.BORDER_REPLICATE
     )
     return np.asarray(sums < TEXTURELESS_BELOW * TEXTURE_WIDTH_PX**2)
+
+
+def repeated(values: Array, shape: tuple[int, ...], *, what: str = "disparity map") -> Array:
+    """Bring a map to the size of a truth by its nearest neighbours, the values as they are.
+
+    With s the factor, result[y, x] = values[y div s, x div s].
+
+    Args:
+        values: (H, W).
+        shape: (H s, W s) of the truth.
+        what: its name, for the message.
+
+    Raises:
+        ValueError: if s is not 1, 2 or 4, or not the same in x and y.
+    """
+    factor = times_smaller(values.shape, shape, what=what)
+    return values if factor == 1 else values.repeat(factor, axis=0).repeat(factor, axis=1)
 
 
 def times_smaller(shape: tuple[int, ...], truth_shape: tuple[int, ...], *, what: str) -> int:

@@ -6,7 +6,7 @@ import hashlib
 import json
 import os
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cache, lru_cache
@@ -24,7 +24,7 @@ from recon.evaluation.memory import forget_peak, peak_mb
 from recon.evaluation.methods import Method
 from recon.evaluation.metrics import coverage_curve, error_histogram
 from recon.evaluation.protocols import label, protocol_for, score, signed_errors
-from recon.evaluation.regions import regions
+from recon.evaluation.regions import regions, repeated
 from recon.evaluation.report import result_pictures, scene_pictures
 from recon.evaluation.scene import Scene, SceneFiles
 from recon.evaluation.space import cloud_measures, depth_measures
@@ -33,7 +33,7 @@ from recon.files import atomic, write_json, write_pfm
 from recon.report import versions
 from recon.types import Array, DisparityMap, PixelStatus
 
-__all__ = ["SPARSE", "Entry", "Task", "evaluate", "evaluate_one", "pictures_folder"]
+__all__ = ["SPARSE", "Entry", "Task", "evaluate", "evaluate_one", "pictures_folder", "suffixes"]
 
 Entry = dict[str, Any]
 """What came of one method on one scene; the keys are those of `_measured` or "error"."""
@@ -75,12 +75,9 @@ class Task:
 
     def fingerprint(self) -> str:
         """Return a text that differs if anything that is known to matter does."""
-        inputs = {self.files.folder, self.files.truth_folder}
         stamps = [
             [str(path), path.stat().st_size, path.stat().st_mtime_ns]
-            for folder in sorted(inputs)
-            for path in sorted(folder.iterdir() if folder.is_dir() else [folder])
-            if path.is_file()
+            for path in _inputs(self.files)
         ]
         parts = [
             dict(self.method.settings()),
@@ -91,6 +88,23 @@ class Task:
         ]
         text = json.dumps(parts, sort_keys=True, default=str)
         return hashlib.sha256(text.encode("utf-8")).hexdigest()
+
+
+def _inputs(files: SceneFiles) -> list[Path]:
+    """Return the files that a scene may be read from.
+
+    Those in its folders, and in folders inside these such as KITTI's image_2 those that share
+    its name or a part of it.
+    """
+    folders = {files.folder, files.truth_folder}
+    beside = (path for folder in folders for path in folder.iterdir())
+    within = (
+        path
+        for folder in folders
+        for path in folder.glob("*/*")
+        if path.stem in files.name or files.name in path.stem
+    )
+    return sorted(path for path in {*beside, *within} if path.is_file())
 
 
 @cache
@@ -137,7 +151,7 @@ def _earlier(task: Task) -> list[Entry] | None:
     """Return the entries of an earlier run, None if it lacks them or anything has changed."""
     entries = []
     fingerprint = task.fingerprint()
-    for suffix in _suffixes(task):
+    for suffix in suffixes(sparse=task.sparse):
         try:
             text = (task.folder(suffix) / ENTRY_FILE).read_text(encoding="utf-8")
             entry = json.loads(text)
@@ -171,8 +185,9 @@ def _names(task: Task, suffix: str = "") -> Entry:
     }
 
 
-def _suffixes(task: Task) -> tuple[str, ...]:
-    return ("", SPARSE) if task.sparse else ("",)
+def suffixes(*, sparse: bool) -> tuple[str, ...]:
+    """Return what stands after the name of a method in each of its rows."""
+    return ("", SPARSE) if sparse else ("",)
 
 
 def evaluate_one(task: Task) -> list[Entry]:
@@ -181,8 +196,7 @@ def evaluate_one(task: Task) -> list[Entry]:
     Raises:
         ValueError: if the scene cannot be read or the map cannot be scored.
     """
-    scene, masks = _scene_of(task.files, task.most_candidates)
-    _write_scene(task, scene)
+    scene, masks = _scene_of(task.files, task.most_candidates, task.out)
     if task.method.measured:
         _warm_up(task.method, scene)
     forget_peak()
@@ -194,11 +208,12 @@ def evaluate_one(task: Task) -> list[Entry]:
         cost = {"seconds": matched - started, "peak_mb": peak_mb()}
 
     entries = []
-    for suffix in _suffixes(task):
+    for suffix in suffixes(sparse=task.sparse):
         scored = time.perf_counter()
         found = _measured_alone(disparity) if suffix else disparity
         entry = {**_names(task, suffix), **_measured(task, scene, masks, found), **cost}
-        _write_maps(task, suffix, scene, found)
+        _write_all(task.folder(suffix), result_pictures(found.values, scene))
+        write_pfm(task.folder(suffix) / "disparity.pfm", found.values)
         entry["scoring_seconds"] = time.perf_counter() - scored
         folder = task.folder(suffix)
         write_json(folder / ENTRY_FILE, {**entry, "fingerprint": task.fingerprint()})
@@ -207,9 +222,12 @@ def evaluate_one(task: Task) -> list[Entry]:
 
 
 @lru_cache(maxsize=1)
-def _scene_of(files: SceneFiles, most_candidates: int | None) -> tuple[Scene, dict[str, Array]]:
-    """Read a scene, once for all methods that follow each other."""
+def _scene_of(
+    files: SceneFiles, most_candidates: int | None, out: Path
+) -> tuple[Scene, dict[str, Array]]:
+    """Read a scene and leave its pictures, once for all methods that follow each other."""
     scene = read_scene(files)
+    _write_all(pictures_folder(out, None, files.dataset, files.name), scene_pictures(scene))
     if most_candidates is not None:
         scene = replace(scene, disparities=range(most_candidates))
     return scene, regions(scene)
@@ -254,8 +272,6 @@ def _measured(
     own = protocol_for("official", scene)
     signed = signed_errors(disparity.values, scene, own)
     counted = masks.get("nonocc", masks["all"])
-    factor = scene.truth.disparity.shape[0] // disparity.values.shape[0]
-    confidence = np.repeat(np.repeat(disparity.confidence, factor, 0), factor, 1)
     return {
         "size": [width, height],
         "disparities": [scene.disparities[0], scene.disparities[-1]],
@@ -265,31 +281,18 @@ def _measured(
         },
         "depth": depth_measures(disparity.values, scene, masks),
         "cloud": cloud_measures(disparity, scene, masks),
-        "coverage": coverage_curve(np.abs(signed), confidence, counted)
+        "coverage": coverage_curve(
+            np.abs(signed), repeated(disparity.confidence, signed.shape), counted
+        )
         if task.method.confident
         else None,
         "histogram": error_histogram(signed, counted),
     }
 
 
-def _write_maps(task: Task, suffix: str, scene: Scene, disparity: DisparityMap[Array]) -> None:
-    """Leave the map and the pictures of a scene."""
-    folder = task.folder(suffix)
+def _write_all(folder: Path, files: Mapping[str, bytes]) -> None:
+    """Write files into a folder that is made if need be."""
     folder.mkdir(parents=True, exist_ok=True)
-    write_pfm(folder / "disparity.pfm", disparity.values)
-    for name, contents in result_pictures(disparity.values, scene).items():
-        _write(folder / name, contents)
-
-
-def _write_scene(task: Task, scene: Scene) -> None:
-    """Leave the pictures of a scene, once for all methods."""
-    folder = pictures_folder(task.out, None, task.files.dataset, task.files.name)
-    if not folder.is_dir():
-        folder.mkdir(parents=True)
-        for name, contents in scene_pictures(scene).items():
-            _write(folder / name, contents)
-
-
-def _write(path: Path, contents: bytes) -> None:
-    with atomic(path) as partial:
-        partial.write_bytes(contents)
+    for name, contents in files.items():
+        with atomic(folder / name) as partial:
+            partial.write_bytes(contents)

@@ -91,6 +91,18 @@ class TestMistakes:
 
         assert "two methods are named 'perfect'" in message
 
+    def test_two_scenes_that_would_share_their_results(self, scenes, tmp_path, capsys):
+        shutil.copytree(scenes, tmp_path / "elsewhere" / "generated")
+
+        message = message_of(["evaluate", str(tmp_path / "elsewhere"), *words(scenes)[1:]], capsys)
+
+        assert "would both be called generated/still_life" in message
+
+    def test_a_range_without_candidates(self, scenes, capsys):
+        message = message_of(words(scenes, "--max-disparity", "0"), capsys)
+
+        assert "--max-disparity must be at least 1 px, got 0" in message
+
     def test_no_process_at_all(self, scenes, capsys):
         assert "--jobs must be at least 1" in message_of(words(scenes, "--jobs", "0"), capsys)
 

@@ -10,7 +10,15 @@ from rendered import on_disk, still_life
 
 from recon.evaluation.layouts import find_scenes
 from recon.evaluation.methods import MapsOnDisk
-from recon.evaluation.runner import SPARSE, Task, evaluate, evaluate_one, pictures_folder
+from recon.evaluation.runner import (
+    SPARSE,
+    Task,
+    _scene_of,
+    evaluate,
+    evaluate_one,
+    pictures_folder,
+)
+from recon.evaluation.scene import SceneFiles
 from recon.files import read_pfm, write_pfm
 from recon.types import DisparityMap, PixelStatus
 
@@ -170,3 +178,37 @@ def test_a_changed_truth_changes_the_fingerprint(task):
     (task.files.folder / "visible.png").touch()
 
     assert task.fingerprint() != before
+
+
+def test_files_in_folders_that_scenes_share_change_only_their_own_fingerprint(tmp_path):
+    root = tmp_path / "kitti" / "2015"
+    for folder in ("image_2", "disp_occ_0"):
+        (root / folder).mkdir(parents=True)
+        for frame in ("000002_10", "000003_10"):
+            (root / folder / f"{frame}.png").write_bytes(b"1")
+    (root / "calib_cam").mkdir()
+    (root / "calib_cam" / "000002.txt").write_bytes(b"1")
+    tasks = [
+        Task(Oracle(), SceneFiles("kitti", "kitti/2015", name, root, root), (), tmp_path)
+        for name in ("000002_10", "000003_10")
+    ]
+    for changed in ("disp_occ_0/000002_10.png", "calib_cam/000002.txt"):
+        before = [task.fingerprint() for task in tasks]
+        (root / changed).write_bytes(b"22")
+
+        same = [task.fingerprint() == old for task, old in zip(tasks, before, strict=True)]
+
+        assert same == [False, True]
+
+
+def test_pictures_that_are_missing_or_of_another_truth_are_drawn_again(task):
+    evaluate_one(task)
+    of_scene = pictures_folder(task.out, None, task.files.dataset, task.files.name)
+    drawn = {path: path.read_bytes() for path in of_scene.iterdir()}
+    for path in drawn:
+        path.write_bytes(b"of another scene")
+    _scene_of.cache_clear()  # as a new process
+
+    evaluate_one(task)
+
+    assert {path: path.read_bytes() for path in of_scene.iterdir()} == drawn
