@@ -153,7 +153,9 @@ def _finish(run: Run, scores: Scores, observe: Observer) -> FeatureNetwork:
     network = run.network.fused().cpu()
     weights = run.settings.folder / f"{run.settings.variant}.safetensors"
     save_features(weights, network, about=about(run, scores))
-    weights.with_suffix(".md").write_text(card(run, scores), encoding="utf-8")
+    unfinished = weights.with_suffix(".part")
+    unfinished.write_text(card(run, scores), encoding="utf-8")
+    unfinished.replace(weights.with_suffix(".md"))
     observe("weights", Saved(weights))
     return network
 
