@@ -28,6 +28,10 @@ class Architecture:
             pooling.
         depth: convolutions of each branch.
         features: length of a pixel's vector.
+        direct: whether the steps to the neighbours are themselves a part of the vector, so that
+            what the convolutions find is added to a soft census transform.
+        faint_step: difference of grey in [0, 1] at which a step counts half; a few times the noise
+            of the sensor.
         dilations: how many pixels apart the taps of each convolution at full size are, one entry
             a convolution; empty means that all touch.
 
@@ -38,6 +42,8 @@ class Architecture:
     channels: tuple[int, ...] = (64,)
     depth: int = 4
     features: int = 64
+    direct: bool = False
+    faint_step: float = 0.015
     dilations: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
@@ -47,11 +53,23 @@ class Architecture:
             )
         if min(*self.channels, *self.dilations, self.depth, self.features) < 1:
             raise ValueError(f"channels, depth, features, dilations must be positive: {self}")
+        if self.learned < 1:
+            raise ValueError(
+                f"features must be more than the {STEPS} steps of a direct network, "
+                f"got {self.features}"
+            )
+        if not self.faint_step > 0:
+            raise ValueError(f"faint_step must be positive, got {self.faint_step}")
         if self.dilations and len(self.dilations) != self.depth:
             raise ValueError(
                 f"dilations must be one a convolution: depth is {self.depth} but there are "
                 f"{len(self.dilations)}"
             )
+
+    @property
+    def learned(self) -> int:
+        """Entries of a pixel's vector that the last convolution makes."""
+        return self.features - STEPS if self.direct else self.features
 
     @property
     def spacings(self) -> tuple[tuple[int, ...], ...]:
@@ -95,7 +113,7 @@ class Architecture:
             mixing = channels * self.features
             total += (weights + mixing) / 4**level  # pixels of a halved branch are fewer by 4
             incoming = channels
-        return total + TAPS * self.features**2
+        return total + TAPS * self.features * self.learned
 
     @property
     def gflop_per_megapixel_pair(self) -> float:
@@ -105,8 +123,8 @@ class Architecture:
 
 VARIANTS: Mapping[str, Architecture] = MappingProxyType(
     {
-        "fast": Architecture(),
-        "wide": Architecture(channels=(64, 96, 96, 112), depth=3),
+        "fast": Architecture(direct=True, faint_step=0.004),
+        "wide": Architecture((64, 96, 96, 112), depth=3, direct=True, faint_step=0.004),
     }
 )
 """The networks that are trained to ship."""

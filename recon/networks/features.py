@@ -13,8 +13,6 @@ from recon.networks.architecture import STEP_REACH_PX, STEPS, Architecture
 
 __all__ = ["Architecture", "FeatureNetwork"]
 
-FAINT_STEP = 0.015  # a few times the noise of a sensor
-
 
 def _convolution(incoming: int, outgoing: int, *, spacing: int, normalised: bool) -> nn.Sequential:
     """Return a 3 x 3 convolution with ReLU, normalised over the batch while it trains."""
@@ -24,10 +22,10 @@ def _convolution(incoming: int, outgoing: int, *, spacing: int, normalised: bool
     return nn.Sequential(*layers, nn.ReLU(inplace=True))
 
 
-def _steps(image: Tensor) -> Tensor:
+def _steps(image: Tensor, faint: float) -> Tensor:
     """Return s / (|s| + e) of the steps s from every pixel to its neighbours, (N, 24, H, W).
 
-    Steps of the mean of the channels, to the other pixels of a 5 x 5 window, e `FAINT_STEP`. As in
+    Steps of the mean of the channels, to the other pixels of a 5 x 5 window, e `faint`. As in
     the census transform a strong edge says no more than faint texture: else the edge of an object
     outweighs the texture of what lies behind it, and the object is fattened.
     """
@@ -38,7 +36,7 @@ def _steps(image: Tensor) -> Tensor:
     offsets = [(y, x) for y in range(2 * reach + 1) for x in range(2 * reach + 1)]
     offsets.remove((reach, reach))
     steps = torch.cat([around[..., y : y + height, x : x + width] for y, x in offsets], 1) - grey
-    return steps / (steps.abs() + FAINT_STEP)
+    return steps / (steps.abs() + faint)
 
 
 class _Branch(nn.Module):
@@ -86,7 +84,7 @@ class FeatureNetwork(nn.Module):
             )
         )
         self.mix = nn.Conv2d(sum(channels), features, 1)
-        self.last = nn.Conv2d(features, features, 3, padding=1)
+        self.last = nn.Conv2d(features, architecture.learned, 3, padding=1)
 
     @property
     def stride_px(self) -> int:
@@ -109,7 +107,8 @@ class FeatureNetwork(nn.Module):
         """
         height, width = image.shape[-2:]
         stride = self.stride_px
-        current = F.pad(_steps(image), (0, -width % stride, 0, -height % stride), mode="replicate")
+        steps = _steps(image, self.architecture.faint_step)
+        current = F.pad(steps, (0, -width % stride, 0, -height % stride), mode="replicate")
         full = current.shape[-2:]
         shares = torch.split(self.mix.weight, list(self.architecture.channels), dim=1)
         for level, (branch, share) in enumerate(zip(self.branches, shares, strict=True)):
@@ -121,8 +120,10 @@ class FeatureNetwork(nn.Module):
             else:  # mixing commutes with enlarging, and is cheaper before it
                 mixed = F.conv2d(current, share)
                 joined = joined + F.interpolate(mixed, full, mode="bilinear")
-        vectors = self.last(F.relu(joined))[..., :height, :width]
-        return F.normalize(vectors.to(image.dtype), dim=1)
+        vectors = self.last(F.relu(joined))[..., :height, :width].to(image.dtype)
+        if self.architecture.direct:
+            vectors = torch.cat((steps, vectors), 1)
+        return F.normalize(vectors, dim=1)
 
     def fused(self) -> FeatureNetwork:
         """Return the same function with batch normalisation folded into the convolutions."""

@@ -23,7 +23,8 @@ SMALL = Architecture(channels=(6, 8, 8), depth=2, features=8)
 PLAIN = Architecture(channels=(6,), depth=3, features=8)
 DILATED = Architecture(channels=(6,), depth=3, features=8, dilations=(1, 2, 5))
 BOTH = Architecture(channels=(6, 8), depth=2, features=8, dilations=(1, 3))
-SHAPES = (SMALL, PLAIN, DILATED, BOTH)
+DIRECT = Architecture(channels=(6, 8), depth=1, features=32, direct=True)
+SHAPES = (SMALL, PLAIN, DILATED, BOTH, DIRECT)
 LOOSE = {"rtol": 1e-4, "atol": 1e-5}  # convolutions choose their algorithm by size
 
 
@@ -35,7 +36,8 @@ def network_of(architecture, *, normalised=False):
 
 def thinned(architecture):
     """Return a network with one map where there are many, and no path of weights that cancels."""
-    thin = replace(architecture, channels=(1,) * len(architecture.channels), features=2)
+    features = 2 + architecture.features - architecture.learned
+    thin = replace(architecture, channels=(1,) * len(architecture.channels), features=features)
     network = network_of(thin)
     for value in network.parameters():
         torch.nn.init.uniform_(value, 0.1, 1.0, generator=torch.Generator().manual_seed(6))
@@ -64,8 +66,27 @@ class TestFeatures:
 
         features = network(torch.rand(2, 3, *size, generator=generator))
 
-        assert features.shape == (2, 8, *size)
+        assert features.shape == (2, architecture.features, *size)
         assert_close(features.norm(dim=1), torch.ones(2, *size))
+
+    def test_a_direct_network_that_learned_nothing_is_a_soft_census(self, image):
+        """Steps of grey count half at the faint step, whatever the network adds is 0."""
+        network = network_of(DIRECT)
+        torch.nn.init.zeros_(network.last.weight)
+        torch.nn.init.zeros_(network.last.bias)
+        grey = image.mean(1)[0]
+        step = grey[30, 21] - grey[30, 20]
+
+        features = network(image)[0].detach()
+
+        ratio = features[12, 30, 20] / features[11, 30, 20]
+        other = grey[30, 19] - grey[30, 20]
+        assert ratio == pytest.approx(
+            float(step / (step.abs() + 0.015) * (other.abs() + 0.015) / other), rel=1e-4
+        )
+        assert (features[24:] == 0).all()
+        brighter = network(0.5 * image + 0.5)[0].detach()
+        assert (brighter[:24].sign() == features[:24].sign()).all()
 
     @pytest.mark.parametrize("architecture", SHAPES)
     def test_folding_the_normalisation_changes_nothing(self, architecture, image, assert_close):
@@ -161,12 +182,12 @@ class TestArchitecture:
             for name, shape in VARIANTS.items()
         }
 
-        assert weights["fast"] == 165_760
+        assert weights["fast"] == 151_912
         assert weights["wide"] <= 1_000_000
         assert VARIANTS["wide"].margin_px > 4 * VARIANTS["fast"].margin_px
 
     def test_an_unknown_variant_is_refused_with_those_there_are(self):
-        assert architecture_named("fast") == Architecture()
+        assert architecture_named("fast") is VARIANTS["fast"]
         with pytest.raises(ValueError, match="unknown variant 'fats'; there are fast, wide"):
             architecture_named("fats")
 
@@ -177,6 +198,8 @@ class TestArchitecture:
             ({"channels": (4,) * 6}, "channels must have from 1 to 5 branches, got 6"),
             ({"channels": (4, 0)}, "must be positive"),
             ({"depth": 0}, "must be positive"),
+            ({"features": 24, "direct": True}, "features must be more than the 24 steps of a dir"),
+            ({"faint_step": 0.0}, "faint_step must be positive, got 0.0"),
             ({"dilations": (1, 2)}, "one a convolution: depth is 4 but there are 2"),
             ({"dilations": (1, 2, 0, 1)}, "must be positive"),
         ],
@@ -204,6 +227,8 @@ class TestWeights:
             "channels": [6, 8, 8],
             "depth": 2,
             "features": 8,
+            "direct": False,
+            "faint_step": 0.015,
             "dilations": [],
         }
 
