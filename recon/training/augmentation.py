@@ -63,14 +63,20 @@ class Augmentation:
         photometric: change light, tone, sharpness and noise.
         geometric: move rows and colours by fractions of a pixel, and zoom.
         occluders: cover a part of one view.
+        mildness: how rare strong differences of the two cameras are: all that sets the views of a
+            pair apart is weakened by u^mildness, u uniform in [0, 1]; 0 weakens none. Benchmarks
+            and good rigs are far from the worst case; a network that only sees that case learns to
+            blur.
         shared: strength of changes that both views share (exposure, gamma, tint, saturation).
         apart: strength of changes that one view has alone.
+        contrast: how far the contrast of both views may rise, as a logarithm.
         darkest: how far the exposure of both views may fall, as a logarithm.
         vignetting: largest share of light that the corners lose.
         uneven_light: largest logarithm of the smooth field that lights one view otherwise.
         relit: share of the pairs that have such a field.
         most_noise: largest standard deviation of the noise at white, in [0, 1] units.
-        most_blur_px: largest standard deviation of the blur of any view.
+        most_blur_px: largest standard deviation of the blur that both views share, and of what
+            one of them has besides.
         most_defocus_px: the same of a view that is out of focus.
         defocused: share of the views that are.
         worst_quality: lowest JPEG quality.
@@ -89,14 +95,16 @@ class Augmentation:
     photometric: bool = True
     geometric: bool = True
     occluders: bool = True
+    mildness: float = 2.0
     shared: float = 0.35
     apart: float = 0.16
+    contrast: float = 1.0
     darkest: float = 0.6
     vignetting: float = 0.35
     uneven_light: float = 0.2
     relit: float = 0.5
-    most_noise: float = 0.02
-    most_blur_px: float = 0.9
+    most_noise: float = 0.01
+    most_blur_px: float = 0.7
     most_defocus_px: float = 1.6
     defocused: float = 0.15
     worst_quality: float = 50.0
@@ -113,6 +121,8 @@ class Augmentation:
                 f"worst_quality must be above 0 and at most {BEST_QUALITY}, "
                 f"got {self.worst_quality}"
             )
+        if self.mildness < 0:
+            raise ValueError(f"mildness must not be negative, got {self.mildness}")
         if self.most_zoom < 1:
             raise ValueError(f"most_zoom must be at least 1, got {self.most_zoom}")
         if self.most_blur_px < LEAST_BLUR_PX:
@@ -131,11 +141,12 @@ class Augmentation:
             generator: source of randomness, on any device.
         """
         dice = _dice_on(left.device, generator)
+        severity = dice.uniform(0, 1, len(left), 1, 1, 1) ** self.mildness
         views = left, right
         if self.geometric:
-            views = self._misaligned(*views, dice)
+            views = self._misaligned(*views, severity, dice)
         if self.photometric:
-            views = self._photographed(*views, dice)
+            views = self._photographed(*views, severity, dice)
         return views
 
     def whole(self, pairs: Pairs, generator: torch.Generator) -> Pairs:
@@ -187,9 +198,12 @@ class Augmentation:
             pairs.visible & ~hidden,
         )
 
-    def _misaligned(self, left: Tensor, right: Tensor, dice: _Dice) -> tuple[Tensor, Tensor]:
+    def _misaligned(
+        self, left: Tensor, right: Tensor, severity: Tensor, dice: _Dice
+    ) -> tuple[Tensor, Tensor]:
         """Move the rows of the right view, and the colours of both as their lenses do."""
-        scale, count = left.shape[-1] / REFERENCE_WIDTH, len(left)
+        count = len(left)
+        scale = left.shape[-1] / REFERENCE_WIDTH * severity[:, :, 0, 0]
         rows = scale * self.most_rows_px * dice.uniform(-1, 1, count, 3)
         colours = scale * self.most_colours_px * dice.uniform(-1, 1, 2, count, 2)
         colours *= (dice.uniform(0, 1, 1, count, 1) < 0.5).float()
@@ -203,30 +217,45 @@ class Augmentation:
         gamma = dice.uniform(-strength, strength, count, 1, 1, 1)
         return torch.cat((gain + tint, gamma), 1)
 
-    def _photographed(self, left: Tensor, right: Tensor, dice: _Dice) -> tuple[Tensor, Tensor]:
+    def _stretched(self, left: Tensor, right: Tensor, dice: _Dice) -> tuple[Tensor, Tensor]:
+        """Raise the contrast of both views about one grey."""
+        factor = torch.exp(self.contrast * dice.uniform(0, 1, len(left), 1, 1, 1))
+        grey = left.mean((1, 2, 3), keepdim=True)
+        left, right = ((grey + factor * (view - grey)).clamp(0, 1) for view in (left, right))
+        return left, right
+
+    def _photographed(
+        self, left: Tensor, right: Tensor, severity: Tensor, dice: _Dice
+    ) -> tuple[Tensor, Tensor]:
         """Light, expose, blur and store both views, partly alike."""
         count = len(left)
         shared = self._tone(count, self.shared, dice)
         shared[:, :3] -= self.darkest * dice.uniform(0, 1, count, 1, 1, 1) ** 2
         colourful = 1 + dice.uniform(-self.shared, self.shared, count, 1, 1, 1)
+        left, right = self._stretched(left, right, dice)
         field = dice.uniform(-1, 1, count, 1, 3, 4) * dice.uniform(0, 1, count, 1, 1, 1)
-        right = uneven(right, self.uneven_light * dice.sometimes(self.relit, count) * field)
-        quality = dice.uniform(self.worst_quality, BEST_QUALITY, count)
+        relit = severity * dice.sometimes(self.relit, count)
+        right = uneven(right, self.uneven_light * relit * field)
+        loss = dice.uniform(0, BEST_QUALITY - self.worst_quality, count)
+        quality = BEST_QUALITY - severity[:, 0, 0, 0] * loss
         stored = dice.sometimes(self.compressed, count)
+        sharp = dice.uniform(LEAST_BLUR_PX, self.most_blur_px, count, 1, 1, 1)
         views = []
         for view in (left, right):
-            tone = shared + self._tone(count, self.apart, dice)
-            seen = self._taken(saturated(view, colourful), tone, dice)
+            tone = shared + severity * self._tone(count, self.apart, dice)
+            seen = self._taken(saturated(view, colourful), tone, sharp, severity, dice)
             views.append(torch.where(stored > 0, compressed(seen, quality), seen))
         return views[0], views[1]
 
-    def _taken(self, view: Tensor, tone: Tensor, dice: _Dice) -> Tensor:
+    def _taken(
+        self, view: Tensor, tone: Tensor, sharp: Tensor, severity: Tensor, dice: _Dice
+    ) -> Tensor:
         """Return what one camera makes of what it sees: blur, vignetting, tone and noise."""
         count = len(view)
-        sharp = dice.uniform(LEAST_BLUR_PX, self.most_blur_px, count, 1, 1, 1)
-        defocus = self.most_defocus_px * dice.uniform(0, 1, count, 1, 1, 1)
-        sigma = torch.maximum(sharp, defocus * dice.sometimes(self.defocused, count))
-        seen = blurred(view, sigma)
+        own = self.most_blur_px * severity * dice.uniform(0, 1, count, 1, 1, 1)
+        defocus = self.most_defocus_px * severity * dice.uniform(0, 1, count, 1, 1, 1)
+        defocus = defocus * dice.sometimes(self.defocused, count)
+        seen = blurred(view, (sharp**2 + own**2 + defocus**2).sqrt())
         seen = vignetted(seen, self.vignetting * dice.uniform(0, 1, count, 1, 1, 1) ** 2)
-        strength = self.most_noise * dice.uniform(0, 1, count, 1, 1, 1) ** 2
+        strength = self.most_noise * severity * dice.uniform(0, 1, count, 1, 1, 1)
         return sensed(toned(seen, tone), dice.normal(view.shape), strength)

@@ -6,20 +6,33 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
-__all__ = ["best_disparity", "matching_loss", "near_edges", "within_one_pixel"]
+__all__ = ["best_disparity", "matching_loss", "near_edges", "similarities", "within_one_pixel"]
 
 FALSE_LABELS = 0.03
 WIDEST = 0.32  # of the width: scenes reach a quarter, and the augmentation zooms in
 EDGE_REACH_PX = 7
+LABEL_SPREAD_PX = 0.5
+LABEL_REACH = 2
+LEAST_LABELS = 0.5  # of about 1.25: less, and most of the label lies outside
 
 
-def _candidates(left: Tensor, right: Tensor, most: int) -> Tensor:
-    """Return similarities (N, H, W, W) of columns of both views, -inf unless 0 <= d <= most."""
-    similarity = torch.einsum("nchx,nchy->nhxy", left, right)
-    width = left.shape[-1]
-    column = torch.arange(width, device=left.device)
-    disparity = column[:, None] - column[None, :]
-    return similarity.masked_fill((disparity < 0) | (disparity > most), -torch.inf)
+def similarities(left: Tensor, right: Tensor) -> Tensor:
+    """Compare every pixel with its candidates.
+
+    Args:
+        left: (N, C, H, W) unit features.
+        right: (N, C, H, W), the same.
+
+    Returns:
+        (N, H, W, D) of the disparities 0 to D - 1; 0, as of vectors at right angles, where the
+        candidate lies outside.
+    """
+    count, _, height, width = left.shape
+    most = int(WIDEST * width)
+    products = torch.einsum("nchx,nchy->nhxy", left, right)
+    # Column y of row x moves to y - x + most, so that a column is one disparity.
+    rows = F.pad(F.pad(products, (most, 0)).flatten(2), (0, width))
+    return rows.reshape(count, height, width, -1)[..., : most + 1].flip(-1)
 
 
 def near_edges(disparity: Tensor) -> Tensor:
@@ -38,43 +51,48 @@ def near_edges(disparity: Tensor) -> Tensor:
 
 
 def matching_loss(
-    left: Tensor, right: Tensor, disparity: Tensor, weight: Tensor, sharpness: Tensor
+    similarity: Tensor, disparity: Tensor, weight: Tensor, sharpness: Tensor
 ) -> Tensor:
-    """Return how surprised a softmax over each row is by the truth.
+    """Return how surprised a softmax over the candidates is by the truth.
 
-    -(1 - w) log q(d0) - w log q(d0 + 1), where d0 = floor(d), w = d - d0 and
-    q = (1 - e) p + e allows for pixels that cannot be told apart.
+    -log((1 - e) exp(-h) + e), where h = -sum_k g(k - d) log p(k) is the cross-entropy with a
+    Gaussian g and e allows for pixels that cannot be told apart. With such labels the best -log p
+    is a parabola with its vertex at d, which is what the sub-pixel step fits.
 
     Args:
-        left: (N, C, H, W) unit features.
-        right: (N, C, H, W), the same.
+        similarity: (N, H, W, D) of the disparities 0 to D - 1.
         disparity: (N, H, W) px.
         weight: (N, H, W) float32, how much each pixel counts; 0 where the right view is blind.
         sharpness: what similarities are multiplied by.
     """
-    width = left.shape[-1]
-    chance = torch.softmax(_candidates(sharpness * left, right, int(WIDEST * width)), -1)
-    column = torch.arange(width, device=left.device)
-    whole = disparity.floor()
-    weight = weight * (column - whole - 1 >= 0)
-    losses = []
-    for step in (0, 1):
-        place = (column - whole - step).long().clamp(0, width - 1)
+    width, count = similarity.shape[2:]
+    column = torch.arange(width, device=similarity.device)
+    missing = torch.arange(count, device=similarity.device) > column[:, None]
+    chance = (sharpness * similarity).masked_fill(missing, -torch.inf).log_softmax(-1)
+    surprise, labels = torch.zeros_like(disparity), torch.zeros_like(disparity)
+    for step in range(-LABEL_REACH, LABEL_REACH + 1):
+        candidate = disparity.round() + step
+        label = torch.exp(-(candidate - disparity).square() / (2 * LABEL_SPREAD_PX**2))
+        inside = (candidate >= 0) & (candidate < count) & (candidate <= column)
+        place = torch.where(inside, candidate, 0).long()
         found = chance.gather(-1, place[..., None])[..., 0]
-        losses.append(-torch.log((1 - FALSE_LABELS) * found + FALSE_LABELS))
-    share = disparity - whole
-    loss = (1 - share) * losses[0] + share * losses[1]
+        surprise = surprise - torch.where(inside, label * found, 0.0)
+        labels = labels + torch.where(inside, label, 0.0)
+    weight = weight * (labels > LEAST_LABELS)
+    fit = torch.exp(-surprise / labels.clamp_min(LEAST_LABELS))
+    loss = -torch.log((1 - FALSE_LABELS) * fit + FALSE_LABELS)
     return (loss * weight).sum() / weight.sum().clamp_min(1)
 
 
-def best_disparity(left: Tensor, right: Tensor) -> Tensor:
-    """Return the candidate (N, H, W) px of each left pixel that is most like it."""
-    width = left.shape[-1]
-    best = _candidates(left, right, int(WIDEST * width)).argmax(-1)
-    return torch.arange(width, device=left.device) - best
+def best_disparity(similarity: Tensor) -> Tensor:
+    """Return the candidate (N, H, W) px that is most like each pixel, of those inside."""
+    width, count = similarity.shape[2:]
+    column = torch.arange(width, device=similarity.device)
+    missing = torch.arange(count, device=similarity.device) > column[:, None]
+    return similarity.masked_fill(missing, -torch.inf).argmax(-1)
 
 
-def within_one_pixel(left: Tensor, right: Tensor, disparity: Tensor, visible: Tensor) -> float:
+def within_one_pixel(similarity: Tensor, disparity: Tensor, visible: Tensor) -> float:
     """Return the share of visible pixels whose best candidate is within 1 px of the truth."""
-    close = (best_disparity(left, right) - disparity).abs() <= 1
+    close = (best_disparity(similarity) - disparity).abs() <= 1
     return float((close & visible).sum() / visible.sum().clamp_min(1))

@@ -10,7 +10,7 @@ from torch import Tensor
 
 from recon.colours import MISSING_COLOUR, colour_mapped
 from recon.networks import FeatureNetwork
-from recon.training.loss import best_disparity
+from recon.training.loss import best_disparity, similarities
 from recon.training.misalignment import Pairs
 from recon.types import Array
 
@@ -31,7 +31,7 @@ def picture(network: FeatureNetwork, pairs: Pairs) -> Array:
         (4 h + 3 gaps, W, 3) uint8, one below the other.
     """
     left, right = pairs.left[:1], pairs.right[:1]
-    found = best_disparity(network(left), network(right))[0].float()
+    found = best_disparity(similarities(network(left), network(right)))[0].float()
     truth, visible = pairs.disparity[0], pairs.visible[0]
     low, high = float(truth.min()), max(float(truth.max()), float(truth.min()) + 1)
 

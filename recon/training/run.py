@@ -16,10 +16,11 @@ from recon.networks import FeatureNetwork
 from recon.networks.architecture import architecture_named
 from recon.training.augmentation import Augmentation
 from recon.training.batches import Source, random_crops
-from recon.training.loss import matching_loss, near_edges, within_one_pixel
+from recon.training.loss import matching_loss, near_edges, similarities, within_one_pixel
 from recon.training.misalignment import Pairs
 from recon.training.recipe import recipe_hash
 from recon.training.settings import Training
+from recon.training.support import Support
 
 __all__ = ["Run", "Update"]
 
@@ -29,7 +30,6 @@ UNREADABLE = (
 )
 FIRST_SHARPNESS = 20.0
 WEIGHT_DECAY = 1e-4
-ROW_STEP = 2  # neighbouring rows say nearly the same; the softmax over a row is what costs
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,20 +38,17 @@ class Update:
 
     Attributes:
         pairs: as the network saw it, after the augmentation.
-        features: (N, C, h / 2, W) of left and right: every second row.
+        similarity: (N, h, W, D) of the candidates, after the support.
         loss: ().
     """
 
     pairs: Pairs
-    features: tuple[Tensor, Tensor]
+    similarity: Tensor
     loss: Tensor
 
     def within_one_pixel(self) -> float:
         """Return the share of visible pixels whose best candidate is within 1 px of the truth."""
-        truth, visible = (
-            part[:, ::ROW_STEP] for part in (self.pairs.disparity, self.pairs.visible)
-        )
-        return within_one_pixel(*self.features, truth, visible)
+        return within_one_pixel(self.similarity, self.pairs.disparity, self.pairs.visible)
 
 
 class Run:
@@ -179,13 +176,14 @@ class Run:
         both = torch.cat((pairs.left, pairs.right)).contiguous(memory_format=torch.channels_last)
         with torch.autocast(self.device.type, torch.bfloat16):
             features = self.network(both)
-        of_left, of_right = features[:, :, ::ROW_STEP].chunk(2)
-        truth = pairs.disparity[:, ::ROW_STEP], weight[:, ::ROW_STEP]
-        loss = matching_loss(of_left, of_right, *truth, self.sharpness.exp())
+        similarity = similarities(*features.chunk(2))
+        if settings.support_px:
+            similarity = Support(settings.support_px)(similarity, pairs.left)
+        loss = matching_loss(similarity, pairs.disparity, weight, self.sharpness.exp())
         for group in self.optimiser.param_groups:
             group["lr"] = self._rate()
         self.optimiser.zero_grad()
         loss.backward()  # type: ignore[no-untyped-call]
         self.optimiser.step()
         self.step += 1
-        return Update(pairs, (of_left.detach(), of_right.detach()), loss.detach())
+        return Update(pairs, similarity.detach(), loss.detach())

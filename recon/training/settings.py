@@ -35,6 +35,8 @@ class Training:
         steps: updates of the weights.
         batch: pairs an update.
         crop_rows: rows of each pair an update sees, over the full width.
+        support_px: radius of the bilateral window through which the loss looks at the costs, as the
+            matcher will; 0 looks at raw costs.
         edge_weight: how much more the pixels near a depth edge count. A network that sees far finds
             the foreground before it finds the edge, and fattens it unless told to look.
         edges_from: the step from which they do.
@@ -66,6 +68,7 @@ class Training:
     steps: int = 1000
     batch: int = 4
     crop_rows: int = 48
+    support_px: int = 6
     edge_weight: float = 2.0
     edges_from: int = 250
     learning_rate: float = 1.5e-3
@@ -93,6 +96,8 @@ class Training:
         for name in (*positive, "warm_up", "save_every"):
             if not getattr(self, name) > 0:
                 raise ValueError(f"{name} must be positive, got {getattr(self, name)}")
+        if self.support_px < 0:
+            raise ValueError(f"support_px must not be negative, got {self.support_px}")
         if self.workers is not None and self.workers < 0:
             raise ValueError(f"workers must not be negative, got {self.workers}")
         if self.max_minutes is not None and not self.max_minutes > 0:

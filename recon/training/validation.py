@@ -10,7 +10,7 @@ import torch
 from recon.networks import FeatureNetwork
 from recon.training.augmentation import Augmentation
 from recon.training.batches import whole
-from recon.training.loss import within_one_pixel
+from recon.training.loss import similarities, within_one_pixel
 from recon.training.pool import read_pair
 from recon.training.progress import Scores
 
@@ -42,5 +42,5 @@ def validate(
         for (left, right), shares in ((views, plain), (changed, augmented)):
             of_left, of_right = (network(view.to(device)) for view in (left, right))
             truth = batch.disparity.to(device), batch.visible.to(device)
-            shares.append(within_one_pixel(of_left, of_right, *truth))
+            shares.append(within_one_pixel(similarities(of_left, of_right), *truth))
     return Scores(step, float(np.mean(plain)), float(np.mean(augmented)))

@@ -315,7 +315,7 @@ class TestPhotometry:
         grey = torch.full((20, 3, 16, 16), 0.5)
         uneven_only = Augmentation(
             geometric=False, shared=0.0, apart=0.0, darkest=0.0, vignetting=0.0, most_noise=0.0,
-            compressed=0.0, relit=1.0,
+            compressed=0.0, relit=1.0, mildness=0.0,
         )  # fmt: skip
 
         left, right = uneven_only(grey, grey, seeded())
@@ -329,6 +329,7 @@ class TestPhotometry:
     [
         ({"worst_quality": 0.0}, "worst_quality must be above 0 and at most 98, got 0"),
         ({"worst_quality": 99.0}, r"at most 98, got 99\.0"),
+        ({"mildness": -1.0}, r"mildness must not be negative, got -1\.0"),
         ({"most_zoom": 0.9}, r"most_zoom must be at least 1, got 0\.9"),
         ({"most_blur_px": 0.1}, r"most_blur_px must be at least 0\.2, got 0\.1"),
     ],
@@ -358,9 +359,22 @@ def found_by_sgbm(pairs):
     return float((np.abs(found - disparity) <= 1)[visible].mean())
 
 
+def test_the_milder_the_rarer_are_strong_differences(generator):
+    """The mean of u^m over u in [0, 1] is 1 / (m + 1)."""
+    view = torch.rand(200, 3, 8, 24, generator=generator)
+
+    def apart(mildness):
+        rows = Augmentation(photometric=False, most_colours_px=0.0, mildness=mildness)
+        return float((rows(view, view, seeded())[1] - view).abs().mean())
+
+    always, mild, milder = (apart(mildness) for mildness in (0.0, 2.0, 8.0))
+
+    assert always > 1.5 * mild > 2 * milder > 0
+
+
 @pytest.mark.slow
 def test_augmented_pairs_are_neither_trivial_nor_hopeless_for_semi_global_matching():
-    """A mean of 75 % over 24 pairs of 416 x 256; without augmentation 89 %."""
+    """A mean of 84 % over 24 pairs of 416 x 256; without augmentation 89 %."""
     shares = []
     for seed in range(24):
         sample = draw(torch.Generator().manual_seed(seed), (416, 256), recipe=Recipe())
@@ -371,5 +385,5 @@ def test_augmented_pairs_are_neither_trivial_nor_hopeless_for_semi_global_matchi
         )
 
     augmented, plain = np.mean(shares, 0)
-    assert 0.70 < augmented < 0.82
+    assert 0.75 < augmented < 0.89
     assert 0.85 < plain < 0.93
