@@ -99,7 +99,7 @@ def test_scores_are_those_of_fixed_pairs_with_and_without_augmentation(settings)
 
     assert first == second
     assert first.augmented != first.plain
-    assert 0 < min(first.augmented, first.plain)
+    assert min(first.augmented, first.plain) > 0
     assert max(first.augmented, first.plain) <= 1
 
 
