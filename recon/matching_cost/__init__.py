@@ -1,6 +1,7 @@
 """Stage one: how badly two pixels fit."""
 
 from recon.matching_cost.absolute_difference import AbsoluteDifference
+from recon.matching_cost.ad_census import AdCensus
 from recon.matching_cost.census import Census
 from recon.matching_cost.learned import LearnedCost
 from recon.matching_cost.ncc import NormalisedCrossCorrelation
@@ -12,6 +13,7 @@ from recon.matching_cost.zncc import ZeroMeanNormalisedCrossCorrelation
 __all__ = [
     "MATCHING_COSTS",
     "AbsoluteDifference",
+    "AdCensus",
     "Census",
     "LearnedCost",
     "MatchingCost",
@@ -28,5 +30,6 @@ MATCHING_COSTS: dict[str, type[MatchingCost]] = {
     "ncc": NormalisedCrossCorrelation,
     "zncc": ZeroMeanNormalisedCrossCorrelation,
     "census": Census,
+    "ad_census": AdCensus,
     "cnn": LearnedCost,
 }

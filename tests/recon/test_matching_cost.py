@@ -1,9 +1,11 @@
 """What every matching cost promises."""
 
+import math
+
 import pytest
 import torch
 
-from recon.matching_cost import MATCHING_COSTS, Census, SumOfAbsoluteDifferences
+from recon.matching_cost import MATCHING_COSTS, AdCensus, Census, SumOfAbsoluteDifferences
 from recon.matching_cost import NormalisedCrossCorrelation as Ncc
 from recon.matching_cost import ZeroMeanNormalisedCrossCorrelation as Zncc
 from recon.networks import Architecture, FeatureNetwork, save_features
@@ -93,6 +95,24 @@ def test_a_change_of_light_costs_nothing(method, change, texture, assert_close):
 def test_a_census_window_that_is_even_or_too_large_is_refused(rows, columns):
     with pytest.raises(ValueError, match=f"at most 64 pixels, got {rows} x {columns}"):
         Census(rows, columns)
+
+
+def test_ad_census_is_the_sum_that_is_worked_out_by_hand():
+    """The right view grows brighter by 0.1 from row to row."""
+    left = torch.full((3, 3, 3), 0.5)
+    right = left + 0.1 * torch.arange(3.0)[:, None, None]
+
+    cost = AdCensus(3, 3, census_scale=0.5, difference_scale=0.2)(left, right, range(1)).cost
+
+    census = Census(3, 3)(left, right, range(1)).cost[1, 1, 0]
+    assert census == pytest.approx(3 / 8)  # the row above is darker
+    assert float(cost[1, 1, 0]) == pytest.approx(2 - math.exp(-0.75) - math.exp(-0.5))
+
+
+@pytest.mark.parametrize("scale", ["census_scale", "difference_scale"])
+def test_a_scale_of_zero_is_refused(scale):
+    with pytest.raises(ValueError, match=rf"{scale} must be positive, got 0\.0"):
+        AdCensus(**{scale: 0.0})
 
 
 @pytest.mark.parametrize("method", [SumOfAbsoluteDifferences, Ncc])
