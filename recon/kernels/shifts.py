@@ -51,7 +51,7 @@ def cosine_distances(reference: Tensor, other: Tensor, shifts: range) -> Tensor:
     in matrix products.
 
     Args:
-        reference: (C, H, W) float32, of unit length along C.
+        reference: (C, H, W) float32, of length 1 at most along C.
         other: (C, H, W), likewise.
         shifts: D consecutive shifts in columns.
 

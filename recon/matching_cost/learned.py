@@ -24,7 +24,9 @@ def _network(weights: str, device: torch.device) -> FeatureNetwork:
 
 @dataclass(frozen=True)
 class LearnedCost:
-    """C(x, d) = 1 - <f_L(x), f_R(x - d)>, in [0, 2], with f the unit vectors of a network.
+    """C(x, d) = 1 - <f_L(x), f_R(x - d)>, in [0, 2], with f the vectors of a network.
+
+    Vectors have length 1 at most; a shorter one leaves more to the pixels around it.
 
     Source: Zbontar & LeCun, Stereo Matching by Training a Convolutional Neural Network to Compare
     Image Patches, JMLR 17 2016, section 3.1 (the fast architecture).

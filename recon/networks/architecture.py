@@ -30,6 +30,8 @@ class Architecture:
         features: length of a pixel's vector.
         direct: whether the steps to the neighbours are themselves a part of the vector, so that
             what the convolutions find is added to a soft census transform.
+        soft_length: whether vectors may be shorter than 1, v / (|v| + 1), so that a pixel which
+            shows little says little.
         faint_step: difference of grey in [0, 1] at which a step counts half; a few times the noise
             of the sensor.
         dilations: how many pixels apart the taps of each convolution at full size are, one entry
@@ -43,6 +45,7 @@ class Architecture:
     depth: int = 4
     features: int = 64
     direct: bool = False
+    soft_length: bool = False
     faint_step: float = 0.015
     dilations: tuple[int, ...] = ()
 
@@ -124,7 +127,9 @@ class Architecture:
 VARIANTS: Mapping[str, Architecture] = MappingProxyType(
     {
         "fast": Architecture(direct=True, faint_step=0.004),
-        "wide": Architecture((64, 96, 96, 112), depth=3, direct=True, faint_step=0.004),
+        "wide": Architecture(
+            (64, 96, 96), depth=3, direct=True, soft_length=True, faint_step=0.004
+        ),
     }
 )
 """The networks that are trained to ship."""

@@ -103,7 +103,7 @@ class FeatureNetwork(nn.Module):
             image: (N, 3, H, W) in [0, 1].
 
         Returns:
-            (N, C, H, W), each pixel's vector of length 1.
+            (N, C, H, W), each pixel's vector, of length 1 or at most 1.
         """
         height, width = image.shape[-2:]
         stride = self.stride_px
@@ -123,6 +123,8 @@ class FeatureNetwork(nn.Module):
         vectors = self.last(F.relu(joined))[..., :height, :width].to(image.dtype)
         if self.architecture.direct:
             vectors = torch.cat((steps, vectors), 1)
+        if self.architecture.soft_length:
+            return vectors / (vectors.norm(dim=1, keepdim=True) + 1)
         return F.normalize(vectors, dim=1)
 
     def fused(self) -> FeatureNetwork:

@@ -24,7 +24,8 @@ PLAIN = Architecture(channels=(6,), depth=3, features=8)
 DILATED = Architecture(channels=(6,), depth=3, features=8, dilations=(1, 2, 5))
 BOTH = Architecture(channels=(6, 8), depth=2, features=8, dilations=(1, 3))
 DIRECT = Architecture(channels=(6, 8), depth=1, features=32, direct=True)
-SHAPES = (SMALL, PLAIN, DILATED, BOTH, DIRECT)
+SOFT = Architecture(channels=(6,), depth=1, features=8, soft_length=True)
+SHAPES = (SMALL, PLAIN, DILATED, BOTH, DIRECT, SOFT)
 LOOSE = {"rtol": 1e-4, "atol": 1e-5}  # convolutions choose their algorithm by size
 
 
@@ -59,7 +60,7 @@ def weights(tmp_path):
 class TestFeatures:
     @pytest.mark.parametrize("size", [(1, 1), (2, 3), (7, 16), (33, 20)])
     @pytest.mark.parametrize("architecture", SHAPES)
-    def test_images_of_any_size_get_a_unit_vector_for_each_pixel(
+    def test_images_of_any_size_get_a_vector_for_each_pixel(
         self, architecture, size, generator, assert_close
     ):
         network = network_of(architecture)
@@ -67,7 +68,11 @@ class TestFeatures:
         features = network(torch.rand(2, 3, *size, generator=generator))
 
         assert features.shape == (2, architecture.features, *size)
-        assert_close(features.norm(dim=1), torch.ones(2, *size))
+        lengths = features.norm(dim=1)
+        if architecture.soft_length:
+            assert ((lengths > 0) & (lengths < 1)).all()
+        else:
+            assert_close(lengths, torch.ones(2, *size))
 
     def test_a_direct_network_that_learned_nothing_is_a_soft_census(self, image):
         """Steps of grey count half at the faint step, whatever the network adds is 0."""
@@ -87,6 +92,17 @@ class TestFeatures:
         assert (features[24:] == 0).all()
         brighter = network(0.5 * image + 0.5)[0].detach()
         assert (brighter[:24].sign() == features[:24].sign()).all()
+
+    def test_a_soft_length_is_that_of_the_vector_over_one_more(self, image, assert_close):
+        soft, hard = network_of(SOFT), network_of(replace(SOFT, soft_length=False))
+        raw = {}
+        soft.last.register_forward_hook(lambda module, given, made: raw.update(vectors=made))
+
+        features = soft(image)
+
+        lengths = raw["vectors"].norm(dim=1)
+        assert_close(features.norm(dim=1), lengths / (lengths + 1))
+        assert_close(torch.nn.functional.normalize(features, dim=1), hard(image))
 
     @pytest.mark.parametrize("architecture", SHAPES)
     def test_folding_the_normalisation_changes_nothing(self, architecture, image, assert_close):
@@ -228,6 +244,7 @@ class TestWeights:
             "depth": 2,
             "features": 8,
             "direct": False,
+            "soft_length": False,
             "faint_step": 0.015,
             "dilations": [],
         }
@@ -263,10 +280,11 @@ class TestWeights:
         assert weights.stat().st_mode == other.stat().st_mode
 
     @pytest.mark.parametrize("name", shipped_weights())
-    def test_weights_that_ship_give_unit_vectors(self, name, image, assert_close):
-        features = load_features(name)(image)
+    def test_weights_that_ship_give_vectors_of_length_one_at_most(self, name, image):
+        lengths = load_features(name)(image).norm(dim=1)
 
-        assert_close(features.norm(dim=1), torch.ones(1, *image.shape[2:]))
+        assert (lengths < 1 + 1e-5).all()
+        assert lengths.mean() > 0.3
 
     def test_an_unknown_name_is_refused_with_those_that_ship(self):
         with pytest.raises(ValueError, match=r"no weights called 'fats' and no such file; .*fast"):
