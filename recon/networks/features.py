@@ -124,7 +124,8 @@ class FeatureNetwork(nn.Module):
         if self.architecture.direct:
             vectors = torch.cat((steps, vectors), 1)
         if self.architecture.soft_length:
-            return vectors / (vectors.norm(dim=1, keepdim=True) + 1)
+            lengths: Tensor = vectors.norm(dim=1, keepdim=True)
+            return vectors / (lengths + 1)
         return F.normalize(vectors, dim=1)
 
     def fused(self) -> FeatureNetwork:
