@@ -120,11 +120,11 @@ class FeatureNetwork(nn.Module):
             else:  # mixing commutes with enlarging, and is cheaper before it
                 mixed = F.conv2d(current, share)
                 joined = joined + F.interpolate(mixed, full, mode="bilinear")
-        vectors = self.last(F.relu(joined))[..., :height, :width].to(image.dtype)
+        vectors: Tensor = self.last(F.relu(joined))[..., :height, :width].to(image.dtype)
         if self.architecture.direct:
             vectors = torch.cat((steps, vectors), 1)
         if self.architecture.soft_length:
-            lengths: Tensor = vectors.norm(dim=1, keepdim=True)
+            lengths = torch.linalg.vector_norm(vectors, dim=1, keepdim=True)
             return vectors / (lengths + 1)
         return F.normalize(vectors, dim=1)
 
