@@ -124,8 +124,8 @@ class FeatureNetwork(nn.Module):
         if self.architecture.direct:
             vectors = torch.cat((steps, vectors), 1)
         if self.architecture.soft_length:
-            lengths = torch.linalg.vector_norm(vectors, dim=1, keepdim=True)
-            return vectors / (lengths + 1)
+            soft: Tensor = vectors / (vectors.norm(dim=1, keepdim=True) + 1)
+            return soft
         return F.normalize(vectors, dim=1)
 
     def fused(self) -> FeatureNetwork:
