@@ -17,8 +17,8 @@ PUBLIC = {
     "recon.files": """atomic read_image read_image_pair read_pfm read_ply read_side_by_side
         write_depth_png write_disparity_png write_glb write_image write_json write_pfm write_ply
         write_status_png""",
-    "recon.matching_cost": """MATCHING_COSTS AbsoluteDifference AdCensus Census LearnedCost MatchingCost
-        NormalisedCrossCorrelation SumOfAbsoluteDifferences SumOfSquaredDifferences
+    "recon.matching_cost": """MATCHING_COSTS AbsoluteDifference AdCensus Census LearnedCost
+        MatchingCost NormalisedCrossCorrelation SumOfAbsoluteDifferences SumOfSquaredDifferences
         ZeroMeanNormalisedCrossCorrelation""",
     "recon.networks": """Architecture FeatureNetwork load_features save_features shipped_weights""",
     "recon.optimisation": "OPTIMISATIONS Optimisation SemiGlobal WinnerTakesAll",
