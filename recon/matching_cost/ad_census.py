@@ -19,8 +19,8 @@ __all__ = ["AdCensus"]
 class AdCensus:
     """C = r(census, census_scale) + r(difference, difference_scale), r(c, s) = 1 - exp(-c / s).
 
-    The census decides where texture repeats in one view only, the colours where it repeats along
-    the row. With the scales of the source: 30 of 62 cells of a window of 9 x 7, 10 of 255 levels.
+    The census bears changes of light, the colours tell apart structures that repeat. With the
+    scales of the source: 30 of 62 cells of a window of 9 x 7, 10 of 255 levels.
 
     Source: Mei, Sun, Zhou, Jiao, Wang & Zhang, On Building an Accurate Stereo Matching System on
     Graphics Hardware, ICCV Workshops 2011, section 2.1.

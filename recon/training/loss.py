@@ -20,7 +20,7 @@ def similarities(left: Tensor, right: Tensor) -> Tensor:
     """Compare every pixel with its candidates.
 
     Args:
-        left: (N, C, H, W) unit features.
+        left: (N, C, H, W) features, of length 1 at most.
         right: (N, C, H, W), the same.
 
     Returns:
@@ -33,6 +33,14 @@ def similarities(left: Tensor, right: Tensor) -> Tensor:
     # Column y of row x moves to y - x + most, so that a column is one disparity.
     rows = F.pad(F.pad(products, (most, 0)).flatten(2), (0, width))
     return rows.reshape(count, height, width, -1)[..., : most + 1].flip(-1)
+
+
+def _inside(similarity: Tensor) -> Tensor:
+    """Return similarities (N, H, W, D) with -inf for candidates outside the right view."""
+    width, count = similarity.shape[2:]
+    column = torch.arange(width, device=similarity.device)
+    outside = torch.arange(count, device=similarity.device) > column[:, None]
+    return similarity.masked_fill(outside, -torch.inf)
 
 
 def near_edges(disparity: Tensor) -> Tensor:
@@ -67,8 +75,7 @@ def matching_loss(
     """
     width, count = similarity.shape[2:]
     column = torch.arange(width, device=similarity.device)
-    missing = torch.arange(count, device=similarity.device) > column[:, None]
-    chance = (sharpness * similarity).masked_fill(missing, -torch.inf).log_softmax(-1)
+    chance = _inside(sharpness * similarity).log_softmax(-1)
     surprise, labels = torch.zeros_like(disparity), torch.zeros_like(disparity)
     for step in range(-LABEL_REACH, LABEL_REACH + 1):
         candidate = disparity.round() + step
@@ -86,10 +93,7 @@ def matching_loss(
 
 def best_disparity(similarity: Tensor) -> Tensor:
     """Return the candidate (N, H, W) px that is most like each pixel, of those inside."""
-    width, count = similarity.shape[2:]
-    column = torch.arange(width, device=similarity.device)
-    missing = torch.arange(count, device=similarity.device) > column[:, None]
-    return similarity.masked_fill(missing, -torch.inf).argmax(-1)
+    return _inside(similarity).argmax(-1)
 
 
 def within_one_pixel(similarity: Tensor, disparity: Tensor, visible: Tensor) -> float:

@@ -14,6 +14,8 @@ __all__ = ["Support"]
 
 SPACE = 0.8
 """Standard deviation of nearness, as a share of the radius."""
+COLOUR = 0.04
+"""Standard deviation of likeness, Euclidean distance of RGB in [0, 1]."""
 
 
 @dataclass(frozen=True)
@@ -28,11 +30,9 @@ class Support:
 
     Attributes:
         radius_px: neighbours up to this far in x and in y.
-        sigma_colour: Euclidean distance of RGB in [0, 1].
     """
 
     radius_px: int
-    sigma_colour: float = 0.04
 
     def __call__(self, volumes: Tensor, guides: Tensor) -> Tensor:
         """Return the means.
@@ -54,9 +54,7 @@ class Support:
         padded = F.pad(guide[None], (radius,) * 4, mode="replicate")
         around = F.unfold(padded, 2 * radius + 1).reshape(len(guide), -1, count)
         unlike = (around - guide.reshape(len(guide), 1, count)).square().sum(0)
-        weights = torch.exp(
-            -distance / (2 * (SPACE * radius) ** 2) - unlike.T / (2 * self.sigma_colour**2)
-        )
+        weights = torch.exp(-distance / (2 * (SPACE * radius) ** 2) - unlike.T / (2 * COLOUR**2))
         start = torch.arange(count + 1, device=guide.device) * distance.shape[1]
         return _sparse(start, neighbour.flatten(), weights.flatten(), count)
 
