@@ -30,8 +30,11 @@ class Architecture:
         features: length of a pixel's vector.
         direct: whether the steps to the neighbours are themselves a part of the vector, so that
             what the convolutions find is added to a soft census transform.
-        soft_length: whether vectors may be shorter than 1, v / (|v| + 1), so that a pixel which
-            shows little says little.
+        direct_share: share of those steps in the square of the vector's length; 0 leaves it to the
+            training. Noise and blur of generated pairs teach a network to trust faint texture
+            less than photographs deserve.
+        soft_length: whether vectors, or what is learned of them if the rest has its share, may be
+            shorter than 1, v / (|v| + 1), so that a pixel which shows little says little.
         faint_step: difference of grey in [0, 1] at which a step counts half; a few times the noise
             of the sensor.
         dilations: how many pixels apart the taps of each convolution at full size are, one entry
@@ -45,6 +48,7 @@ class Architecture:
     depth: int = 4
     features: int = 64
     direct: bool = False
+    direct_share: float = 0.0
     soft_length: bool = False
     faint_step: float = 0.015
     dilations: tuple[int, ...] = ()
@@ -60,6 +64,11 @@ class Architecture:
             raise ValueError(
                 f"features must be more than the {STEPS} steps of a direct network, "
                 f"got {self.features}"
+            )
+        if not 0 <= self.direct_share < 1 or (self.direct_share and not self.direct):
+            raise ValueError(
+                "direct_share must be in [0, 1), and 0 unless direct, "
+                f"got {self.direct_share} with direct {self.direct}"
             )
         if not self.faint_step > 0:
             raise ValueError(f"faint_step must be positive, got {self.faint_step}")
@@ -126,9 +135,14 @@ class Architecture:
 
 VARIANTS: Mapping[str, Architecture] = MappingProxyType(
     {
-        "fast": Architecture(direct=True, faint_step=0.004),
+        "fast": Architecture(direct=True, direct_share=0.5, soft_length=True, faint_step=0.004),
         "wide": Architecture(
-            (64, 96, 96), depth=3, direct=True, soft_length=True, faint_step=0.004
+            (64, 96, 96),
+            depth=3,
+            direct=True,
+            direct_share=0.5,
+            soft_length=True,
+            faint_step=0.004,
         ),
     }
 )

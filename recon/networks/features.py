@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from copy import deepcopy
 
 import torch
@@ -12,6 +13,9 @@ from torch.nn.utils.fusion import fuse_conv_bn_eval
 from recon.networks.architecture import STEP_REACH_PX, STEPS, Architecture
 
 __all__ = ["Architecture", "FeatureNetwork"]
+
+LEAST_LENGTH = 1e-3
+"""Steps that together are shorter are those of a flat image."""
 
 
 def _convolution(incoming: int, outgoing: int, *, spacing: int, normalised: bool) -> nn.Sequential:
@@ -121,8 +125,17 @@ class FeatureNetwork(nn.Module):
                 mixed = F.conv2d(current, share)
                 joined = joined + F.interpolate(mixed, full, mode="bilinear")
         vectors: Tensor = self.last(F.relu(joined))[..., :height, :width].to(image.dtype)
-        if self.architecture.direct:
-            vectors = torch.cat((steps, vectors), 1)
+        shape = self.architecture
+        if not shape.direct:
+            return self._of_length(vectors)
+        if not shape.direct_share:
+            return self._of_length(torch.cat((steps, vectors), 1))
+        direct = math.sqrt(shape.direct_share) * F.normalize(steps, dim=1, eps=LEAST_LENGTH)
+        rest = math.sqrt(1 - shape.direct_share) * self._of_length(vectors)
+        return torch.cat((direct, rest), 1)
+
+    def _of_length(self, vectors: Tensor) -> Tensor:
+        """Return vectors of length 1, or shorter ones if the architecture is of soft length."""
         if self.architecture.soft_length:
             soft: Tensor = vectors / (vectors.norm(dim=1, keepdim=True) + 1)
             return soft

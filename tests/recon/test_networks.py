@@ -24,8 +24,9 @@ PLAIN = Architecture(channels=(6,), depth=3, features=8)
 DILATED = Architecture(channels=(6,), depth=3, features=8, dilations=(1, 2, 5))
 BOTH = Architecture(channels=(6, 8), depth=2, features=8, dilations=(1, 3))
 DIRECT = Architecture(channels=(6, 8), depth=1, features=32, direct=True)
+SHARED = replace(DIRECT, direct_share=0.3, soft_length=True)
 SOFT = Architecture(channels=(6,), depth=1, features=8, soft_length=True)
-SHAPES = (SMALL, PLAIN, DILATED, BOTH, DIRECT, SOFT)
+SHAPES = (SMALL, PLAIN, DILATED, BOTH, DIRECT, SHARED, SOFT)
 LOOSE = {"rtol": 1e-4, "atol": 1e-5}  # convolutions choose their algorithm by size
 
 
@@ -92,6 +93,25 @@ class TestFeatures:
         assert (features[24:] == 0).all()
         brighter = network(0.5 * image + 0.5)[0].detach()
         assert (brighter[:24].sign() == features[:24].sign()).all()
+
+    def test_steps_with_a_share_keep_it_and_the_rest_is_learned(self, image, assert_close):
+        """The squares of the lengths: the share for the steps, at most 1 - share for the rest."""
+        features = network_of(SHARED)(image)
+        direct = network_of(DIRECT)(image)
+
+        steps, learned = features[:, :24], features[:, 24:]
+        assert_close(steps.square().sum(1), torch.full_like(image[:, 0], 0.3))
+        assert_close(
+            torch.nn.functional.normalize(steps, dim=1),
+            torch.nn.functional.normalize(direct[:, :24], dim=1),
+        )
+        lengths = learned.square().sum(1)
+        assert ((lengths > 0) & (lengths < 0.7)).all()
+
+    def test_a_flat_image_has_no_steps_to_share(self):
+        features = network_of(SHARED)(torch.full((1, 3, 9, 9), 0.5))
+
+        assert (features[:, :24] == 0).all()
 
     def test_a_soft_length_is_that_of_the_vector_over_one_more(self, image, assert_close):
         soft, hard = network_of(SOFT), network_of(replace(SOFT, soft_length=False))
@@ -215,6 +235,8 @@ class TestArchitecture:
             ({"channels": (4, 0)}, "must be positive"),
             ({"depth": 0}, "must be positive"),
             ({"features": 24, "direct": True}, "features must be more than the 24 steps of a dir"),
+            ({"direct": True, "direct_share": 1.0}, r"direct_share must be in \[0, 1\)"),
+            ({"direct_share": 0.5}, "0 unless direct, got 0.5 with direct False"),
             ({"faint_step": 0.0}, "faint_step must be positive, got 0.0"),
             ({"dilations": (1, 2)}, "one a convolution: depth is 4 but there are 2"),
             ({"dilations": (1, 2, 0, 1)}, "must be positive"),
@@ -244,6 +266,7 @@ class TestWeights:
             "depth": 2,
             "features": 8,
             "direct": False,
+            "direct_share": 0.0,
             "soft_length": False,
             "faint_step": 0.015,
             "dilations": [],
