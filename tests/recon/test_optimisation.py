@@ -77,6 +77,26 @@ class TestSubpixel:
 
         assert chosen(volume_of(cost)).values.item() == pytest.approx(lowest_at, 1e-5)
 
+    @pytest.mark.parametrize("lowest_at", [1.6, 2.0, 2.3, 2.49])
+    def test_the_crossing_of_two_equally_steep_lines_is_found(self, lowest_at):
+        cost = [abs(k - lowest_at) for k in range(5)]
+
+        found = chosen(volume_of(cost), WinnerTakesAll(shared_slope=0.0)).values.item()
+
+        assert found == pytest.approx(lowest_at, 1e-5)
+
+    def test_a_slope_that_both_sides_share_is_taken_off(self):
+        """Sides of 0.6 and 0.3 with half of the lesser taken off: (0.6 - 0.3) / 2 (0.6 - 0.15)."""
+        found = chosen(volume_of([0.8, 0.2, 0.5]), WinnerTakesAll(shared_slope=0.5)).values.item()
+
+        assert found == pytest.approx(1 + 1 / 3)
+
+    @pytest.mark.parametrize("method", [WinnerTakesAll, SemiGlobal])
+    @pytest.mark.parametrize("share", [-1.1, 1.0])
+    def test_a_slope_that_cannot_be_shared_is_refused(self, method, share):
+        with pytest.raises(ValueError, match="shared_slope must be in"):
+            method(shared_slope=share)
+
     @pytest.mark.parametrize(
         "cost",
         [[0.1, 0.2, 0.9], [0.9, 0.2, 0.1], [INF, 0.1, 0.2], [0.2, 0.1, INF], [0.5, 0.5, 0.5]],
