@@ -11,6 +11,7 @@ from torch import Tensor
 
 from calib.pair import Image, RectifiedPair
 from recon.aggregation import Aggregation
+from recon.confidence import Confidence
 from recon.consistency import left_right_check, reject_small_segments
 from recon.filling import Filling
 from recon.matching_cost import MatchingCost
@@ -40,6 +41,7 @@ class Matcher:
         left_right_tolerance_px: larger keeps more of what the right view does not confirm.
         min_segment_px: matched islands with fewer pixels are rejected; 0 keeps all.
         filling: for rejected pixels; without one they stay without disparity.
+        confidence: makes probabilities of the peak margins that are the confidence without it.
         refinements: one after the other.
         volume_limit_mb: a volume that would take more MB is made strip by strip, from the top and
             at least 16 rows at a time; about four such volumes are in memory at once. The result
@@ -52,6 +54,7 @@ class Matcher:
     left_right_tolerance_px: float = 1.0
     min_segment_px: int = 100
     filling: Filling | None = field(default_factory=Filling)
+    confidence: Confidence | None = None
     refinements: tuple[Refinement, ...] = ()
     volume_limit_mb: float = 768.0
 
@@ -104,6 +107,9 @@ class Matcher:
         if self.filling is not None:
             disparity = self.filling(disparity)
             observe("filling", disparity)
+        if self.confidence is not None:
+            disparity = self.confidence(disparity, of_left, of_right, guide=left)
+            observe("confidence", disparity)
 
         for refinement in self.refinements:
             disparity = refinement(disparity, guide=left)

@@ -16,6 +16,7 @@ from typing import Any, get_type_hints
 from pydantic import TypeAdapter, ValidationError
 
 from recon.aggregation import AGGREGATIONS
+from recon.confidence import Confidence
 from recon.filling import Filling
 from recon.matcher import Matcher
 from recon.matching_cost import MATCHING_COSTS
@@ -48,6 +49,9 @@ STAGES: dict[str, Mapping[str, type]] = {
     "refinements": REFINEMENTS,
 }
 """Stages with a choice of methods; `refinements` is a list of them."""
+
+OPTIONS: dict[str, type] = {"filling": Filling, "confidence": Confidence}
+"""Stages of one method that can be left out by `false`."""
 
 Table = dict[str, Any]
 
@@ -198,8 +202,9 @@ def _stage(name: str, value: Any) -> Any:  # noqa: ANN401  whatever the file hol
         return tuple(_method(name, entry) for entry in value)
     if name in STAGES:
         return _method(name, value)
-    if name == "filling":
-        return _build(Filling, {} if value is True else value, name) if value is not False else None
+    if name in OPTIONS:
+        kind = OPTIONS[name]
+        return _build(kind, {} if value is True else value, name) if value is not False else None
     return value
 
 
@@ -264,7 +269,7 @@ def spelled_out(preset: Preset) -> Table:
             table[entry.name] = [_spelled_method(entry.name, item) for item in value]
         elif entry.name in STAGES:
             table[entry.name] = _spelled_method(entry.name, value)
-        elif entry.name == "filling":
+        elif entry.name in OPTIONS:
             table[entry.name] = _spelled(value) if value is not None else False
         else:
             table[entry.name] = value

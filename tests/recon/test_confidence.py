@@ -1,0 +1,145 @@
+"""What speaks for a disparity, and whether its probability means what it says."""
+
+import math
+
+import pytest
+import torch
+
+from recon.confidence import EVIDENCE, Confidence, evidence
+from recon.matcher import Matcher
+from recon.settings import load_preset, spelled_out
+from recon.training.confidence import Cases, fitted, probabilities, reliability
+from recon.types import DisparityMap, PixelStatus
+
+SIZE = (15, 40)
+MATCHED, FILLED = int(PixelStatus.MATCHED), int(PixelStatus.FILLED_MISMATCH)
+NOTHING = (0.0,) * len(EVIDENCE)
+
+
+def flat_map(value, status=MATCHED, margin=0.5):
+    return DisparityMap(
+        torch.full(SIZE, float(value)),
+        torch.full(SIZE, status, dtype=torch.uint8),
+        torch.full(SIZE, margin),
+    )
+
+
+def spoken(disparity, of_left=None, of_right=None, guide=None):
+    found = evidence(
+        disparity,
+        disparity if of_left is None else of_left,
+        flat_map(4, margin=0.2) if of_right is None else of_right,
+        torch.zeros(*SIZE, 3) if guide is None else guide,
+    )
+    return dict(zip(EVIDENCE, found.unbind(-1), strict=True))
+
+
+class TestEvidence:
+    def test_margins_are_those_of_the_pixel_and_of_its_partner(self):
+        found = spoken(flat_map(4))
+
+        assert found["margin"][7, 20].exp() == pytest.approx(0.501, rel=1e-4)
+        assert found["partner"][7, 20].exp() == pytest.approx(0.201, rel=1e-4)
+        assert found["partner"][7, 3].exp() == pytest.approx(0.001, rel=1e-4)  # outside
+
+    @pytest.mark.parametrize(("theirs", "difference"), [(4.0, 0.0), (5.5, 1.5), (30.0, 3.0)])
+    def test_the_partner_may_say_otherwise(self, theirs, difference):
+        assert spoken(flat_map(4), of_right=flat_map(theirs))["difference"][7, 20] == difference
+
+    def test_a_pixel_without_partner_differs_most(self):
+        assert spoken(flat_map(4))["difference"][7, 3] == 3
+
+    def test_agreement_is_the_share_of_24_pixels_around(self):
+        disparity = flat_map(4)
+        disparity.values[4, 14:27] = 7  # the five places of one row of three px above
+        disparity.values[7, 17] = 5.01  # and one on the left
+
+        found = spoken(disparity, of_left=flat_map(4))
+
+        assert found["agreement"][7, 20] == pytest.approx(18 / 24)
+
+    def test_what_is_filled_around_is_not_matched(self):
+        disparity = flat_map(4)
+        disparity.status[10, 14:27] = FILLED
+
+        found = spoken(disparity)
+
+        assert found["matched"][7, 20] == pytest.approx(19 / 24)
+        assert found["agreement"][7, 20] == 1
+
+    def test_texture_is_how_much_luminance_varies(self):
+        guide = torch.zeros(*SIZE, 3)
+        guide[:, 20:] = 0.5
+
+        found = spoken(flat_map(4), guide=guide)["texture"].exp() - 1 / 255
+
+        assert found[7, 5] == pytest.approx(0, abs=1e-4)
+        assert found[7, 20] == pytest.approx(0.5 * math.sqrt(0.4 * 0.6), rel=1e-3)  # 2 of 5 dark
+
+
+class TestConfidence:
+    def test_each_state_has_weights_of_its_own(self):
+        disparity = flat_map(4)
+        disparity.status[:, 20:] = FILLED
+        disparity.status[:, 30:] = int(PixelStatus.OUTSIDE)
+        disparity.values[:, 30:] = torch.nan
+        matched, mismatch = (2.0, *NOTHING[1:]), (-1.0, *NOTHING[1:])
+
+        found = Confidence(matched, NOTHING, mismatch)(
+            disparity, disparity, disparity, guide=torch.zeros(*SIZE, 3)
+        )
+
+        assert found.confidence[0, 0] == pytest.approx(1 / (1 + math.exp(-2)))
+        assert found.confidence[0, 25] == pytest.approx(1 / (1 + math.exp(1)))
+        assert found.confidence[0, 35] == 0
+        assert torch.equal(found.values.nan_to_num(), disparity.values.nan_to_num())
+
+    @pytest.mark.parametrize("weights", [(1.0,), (*NOTHING[1:], math.nan)])
+    def test_weights_that_cannot_be_are_refused(self, weights):
+        with pytest.raises(ValueError, match=r"filled_mismatch must be 7 finite weights \(always"):
+            Confidence(NOTHING, NOTHING, weights)
+
+    def test_a_preset_holds_weights_or_leaves_them_out(self):
+        weights = [0.5, *NOTHING[1:]]
+        table = {"matched": weights, "filled_occlusion": weights, "filled_mismatch": weights}
+
+        preset = load_preset("census", {"confidence": table})
+
+        assert preset.matcher.confidence == Confidence(*(tuple(weights),) * 3)
+        assert spelled_out(preset)["confidence"] == table
+        off = load_preset("census", {"confidence": False})
+        assert off.matcher.confidence is None
+        assert spelled_out(off)["confidence"] is False
+        assert isinstance(off.matcher, Matcher)
+
+
+class TestFit:
+    @pytest.fixture
+    def cases(self, generator):
+        """Cases drawn from known probabilities."""
+        spoken = torch.randn(40_000, len(EVIDENCE), generator=generator)
+        spoken[:, 0] = 1
+        weights = torch.tensor([0.5, 1.0, 0.0, -2.0, 0.3, 0.0, 0.1])
+        right = torch.rand(len(spoken), generator=generator) < torch.sigmoid(spoken @ weights)
+        return Cases(spoken, torch.full((len(spoken),), MATCHED), right)
+
+    def test_the_weights_that_cases_were_drawn_with_are_found(self, cases):
+        found = fitted(cases)
+
+        expected = (0.5, 1.0, 0.0, -2.0, 0.3, 0.0, 0.1)
+        assert found.matched == pytest.approx(expected, abs=0.08)
+        assert found.filled_mismatch == NOTHING  # nothing was said of those
+
+    def test_what_is_said_comes_true(self, cases):
+        said = probabilities(fitted(cases), cases)
+
+        tenths = list(reliability(said, cases.right))
+
+        assert sum(share for share, _, _ in tenths) == pytest.approx(1)
+        assert all(chance == pytest.approx(truth, abs=0.04) for _, chance, truth in tenths)
+
+    def test_too_much_said_shows(self, cases):
+        tenths = list(reliability(torch.full((len(cases.right),), 0.99), cases.right))
+
+        assert len(tenths) == 1
+        assert tenths[0][1] - tenths[0][2] > 0.2
