@@ -14,6 +14,7 @@ __all__ = [
     "coverage_curve",
     "error_histogram",
     "measures",
+    "reliability_curve",
 ]
 
 THRESHOLDS_PX = (0.5, 1.0, 2.0, 4.0)
@@ -24,6 +25,7 @@ D1_PX = 3.0
 D1_SHARE = 0.05
 COVERAGE_THRESHOLD_PX = 2.0
 CONFIDENCE_STEPS = 4096
+RELIABILITY_STEPS = 10
 HISTOGRAM_END_PX = 4.0
 HISTOGRAM_STEP_PX = 0.25
 
@@ -162,6 +164,33 @@ def _sums_of_first(values: Array, group: Array, counts: Array) -> Array:
     members = np.cumsum(np.bincount(group))
     sums = np.cumsum(np.bincount(group, weights=values))
     return np.asarray(np.interp(counts, np.append(0, members), np.append(0, sums)))
+
+
+def reliability_curve(right: Array, confidence: Array, counted: Array) -> dict[str, list[float]]:
+    """Hold what a confidence says, read as a probability, against what came true.
+
+    Source: reliability diagrams, Guo et al., On Calibration of Modern Neural Networks, ICML 2017,
+    section 2.
+
+    Args:
+        right: (H, W) bool, whether the disparity is.
+        confidence: (H, W) in [0, 1].
+        counted: (H, W) bool.
+
+    Returns:
+        For each tenth of the scale, "pixels": how many pixels are in it; "said": the sum of their
+        confidences; "right": how many of them are right. All can be added over scenes.
+    """
+    said = confidence[counted].astype(np.float64)
+    place = np.clip((said * RELIABILITY_STEPS).astype(np.int64), 0, RELIABILITY_STEPS - 1)
+    return {
+        name: np.bincount(place, weights=weights, minlength=RELIABILITY_STEPS).tolist()
+        for name, weights in (
+            ("pixels", None),
+            ("said", said),
+            ("right", right[counted].astype(np.float64)),
+        )
+    }
 
 
 def error_histogram(signed_error: Array, counted: Array) -> dict[str, Any]:

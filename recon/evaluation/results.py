@@ -8,7 +8,12 @@ from pathlib import Path
 from typing import Any
 
 from recon.evaluation.published import PUBLISHED
-from recon.evaluation.report import mean_coverage, render_page, summed_histogram
+from recon.evaluation.report import (
+    mean_coverage,
+    render_page,
+    summed_histogram,
+    summed_reliability,
+)
 from recon.evaluation.runner import Entry, pictures_folder
 from recon.evaluation.tables import csv_of
 from recon.files import atomic, write_json
@@ -59,6 +64,9 @@ def _curves(methods: Iterable[str], entries: Sequence[Entry]) -> dict[str, dict[
     return {
         name: {
             "coverage": mean_coverage([e["coverage"] for e in done if e["method"] == name]),
+            "reliability": summed_reliability(
+                [e["reliability"] for e in done if e["method"] == name]
+            ),
             "histogram": summed_histogram([e["histogram"] for e in done if e["method"] == name]),
         }
         for name in methods

@@ -22,8 +22,8 @@ from calib.pair import RectifiedPair
 from recon.evaluation.layouts import read_scene
 from recon.evaluation.memory import forget_peak, peak_mb
 from recon.evaluation.methods import Method
-from recon.evaluation.metrics import coverage_curve, error_histogram
-from recon.evaluation.protocols import label, protocol_for, score, signed_errors
+from recon.evaluation.metrics import coverage_curve, error_histogram, reliability_curve
+from recon.evaluation.protocols import PROTOCOLS, label, protocol_for, score, signed_errors
 from recon.evaluation.regions import regions, repeated
 from recon.evaluation.report import result_pictures, scene_pictures
 from recon.evaluation.scene import Scene, SceneFiles
@@ -43,6 +43,8 @@ SPARSE = " (sparse)"
 
 ENTRY_FILE = "entry.json"
 SCENES = "scenes"
+RIGHT_PX = 1
+"""What a confidence promises, in pixels of the size that was matched."""
 WARM_UP_PX = 96
 WARM_UP_CANDIDATES = 16
 
@@ -286,8 +288,19 @@ def _measured(
         )
         if task.method.confident
         else None,
+        "reliability": _reliability(scene, disparity, counted) if task.method.confident else None,
         "histogram": error_histogram(signed, counted),
     }
+
+
+def _reliability(
+    scene: Scene, disparity: DisparityMap[Array], counted: Array
+) -> dict[str, list[float]]:
+    """Return how often each confidence is within 1 px, of the size that was matched."""
+    error = np.abs(signed_errors(disparity.values, scene, PROTOCOLS["own-size"]))
+    found = counted & ~np.isnan(error)
+    close = error * disparity.values.shape[0] <= RIGHT_PX * error.shape[0]
+    return reliability_curve(close, repeated(disparity.confidence, error.shape), found)
 
 
 def _write_all(folder: Path, files: Mapping[str, bytes]) -> None:

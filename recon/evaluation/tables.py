@@ -117,6 +117,7 @@ def _of_scene(entry: Entry, label: str) -> Figures:
         "depth": entry["depth"],
         "cloud": entry["cloud"],
         "coverage": entry["coverage"],
+        "reliability": entry["reliability"],
         "scoring_seconds": entry["scoring_seconds"],
     }
 
@@ -206,7 +207,7 @@ def _rows_of(figures: Figures) -> list[Figures]:
     regions = {
         key: value
         for key, value in figures.items()
-        if isinstance(value, Mapping) and key not in ("depth", "cloud", "coverage")
+        if isinstance(value, Mapping) and key not in ("depth", "cloud", "coverage", "reliability")
     }
     return [{"region": region, **measures, **shared} for region, measures in regions.items()]
 

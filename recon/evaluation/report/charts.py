@@ -17,6 +17,7 @@ __all__ = [
     "coverage_chart",
     "histogram_chart",
     "method_colours",
+    "reliability_chart",
     "tails",
 ]
 
@@ -157,6 +158,41 @@ def _coverage_summary(points: Sequence[Point], end: Point | None) -> str:
     parts = [f"{bad:.2f} % of the surest {share:g} %" for share, bad in points[:1]]
     parts += [f"{end[1]:.2f} % of all {end[0]:.1f} % with a disparity"] if end else []
     return " to ".join(parts)
+
+
+def reliability_chart(curves: Mapping[str, Curve | None]) -> Chart | None:
+    """Draw the share of disparities that are right over the confidence that was said.
+
+    Args:
+        curves: method -> its reliability, None for a method without confidence.
+
+    Returns:
+        None if there is nothing to draw.
+    """
+    lines = {name: curve for name, curve in curves.items() if curve is not None}
+    if not lines:
+        return None
+    across, up = _scale(0, 100, LEFT, RIGHT), _scale(0, 100, BOTTOM, TOP)
+    return Chart(
+        "confidence, %",
+        "within 1 px, %",
+        tuple(Tick(across(x), f"{x}") for x in range(0, 101, 20)),
+        tuple(Tick(up(y), f"{y}") for y in range(0, 101, 20)),
+        tuple(
+            Line(
+                method,
+                _polyline((across(x), up(y)) for x, y in _reliability_points(curve)),
+                summary=f"{100 * curve['gap']:.1f} points apart in the mean",
+            )
+            for method, curve in lines.items()
+        ),
+    )
+
+
+def _reliability_points(curve: Curve) -> list[Point]:
+    """Return what was said and what came true, in percent, of the tenths that hold pixels."""
+    tenths = zip(curve["pixels"], curve["said"], curve["right"], strict=True)
+    return [(100 * said / n, 100 * right / n) for n, said, right in tenths if n]
 
 
 def histogram_chart(histograms: Mapping[str, Curve | None]) -> Chart | None:

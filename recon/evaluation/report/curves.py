@@ -8,7 +8,7 @@ from typing import Any
 
 from recon.evaluation.report.contents import figure_of, of_protocol, protocol_labels, region_of
 
-__all__ = ["end_points", "mean_coverage", "summed_histogram"]
+__all__ = ["end_points", "mean_coverage", "summed_histogram", "summed_reliability"]
 
 Curve = Mapping[str, Any]
 Results = Mapping[str, Any]
@@ -76,6 +76,28 @@ def summed_histogram(histograms: Iterable[Curve]) -> dict[str, Any] | None:
         )
     counts = zip(*(histogram["counts"] for histogram in present), strict=True)
     return {"edges": edges, "counts": [sum(column) for column in counts]}
+
+
+def summed_reliability(curves: Iterable[Curve | None]) -> dict[str, Any] | None:
+    """Add the reliabilities of scenes, every pixel with equal weight.
+
+    Args:
+        curves: as `reliability_curve` gives them; None where a method has no confidence.
+
+    Returns:
+        "pixels", "said" and "right" added, and "gap": the mean of |said - right| over the pixels,
+        both taken tenth by tenth. None if no scene has a pixel.
+    """
+    present = [curve for curve in curves if curve is not None]
+    sums = {
+        name: [sum(column) for column in zip(*(c[name] for c in present), strict=True)]
+        for name in ("pixels", "said", "right")
+    }
+    pixels = sum(sums["pixels"])
+    if not pixels:
+        return None
+    gaps = (abs(said - right) for said, right in zip(sums["said"], sums["right"], strict=True))
+    return {**sums, "gap": math.fsum(gaps) / pixels}
 
 
 def end_points(results: Results) -> dict[str, tuple[float, float] | None]:

@@ -21,6 +21,7 @@ from recon.evaluation.report.charts import (
     coverage_chart,
     histogram_chart,
     method_colours,
+    reliability_chart,
 )
 from recon.evaluation.report.contents import (
     failures,
@@ -72,8 +73,9 @@ def render_page(
         pictures: gives the contents of picture files, by method (None for the scene's own), data
             set, scene and file name; None where there is no such file.
         published: rows of others; those of protocols that the run does not have are left out.
-        curves: method -> "coverage", as `mean_coverage` gives it, and "histogram", as
-            `summed_histogram` does; either may be None.
+        curves: method -> "coverage", as `mean_coverage` gives it, "reliability", as
+            `summed_reliability` does, and "histogram", as `summed_histogram` does; each may be
+            None.
         links: text -> address relative to the page, such as {"results.json": "results.json"}.
 
     Returns:
@@ -83,6 +85,7 @@ def render_page(
     labels, scenes = protocol_labels(results), scene_names(results)
     tables = [overview(results, label, rows) for label in labels]
     histograms = {name: curve.get("histogram") for name, curve in curves.items()}
+    reliabilities = {name: curve.get("reliability") for name, curve in curves.items()}
     coverages = {name: curve.get("coverage") for name, curve in curves.items()}
     return (
         _environment()
@@ -99,6 +102,7 @@ def render_page(
             depths=depth_table(results),
             failures=failures(results),
             coverage=coverage_chart(coverages, end_points(results)),
+            reliability=reliability_chart(reliabilities),
             histogram=histogram_chart(histograms),
             gallery=gallery(results, pictures),
             legend=error_legend(),

@@ -58,7 +58,7 @@ DEPTH_COLUMNS = (
     Column("cloud", "chamfer_%", "%", "chamfer", "cloud"),
 )
 PERCENT = 100.0
-NOT_REGIONS = ("depth", "cloud", "coverage")
+NOT_REGIONS = ("depth", "cloud", "coverage", "reliability")
 COSTS = {"seconds": "s", "seconds_per_mp": "s", "seconds_per_gdisp": "s", "peak_mb": "MB"}
 
 

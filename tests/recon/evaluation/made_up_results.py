@@ -5,7 +5,7 @@ from html.parser import HTMLParser
 
 from recon.evaluation.metrics import MEASURES
 from recon.evaluation.protocols import OFFICIAL_WEIGHTS
-from recon.evaluation.report import mean_coverage, summed_histogram
+from recon.evaluation.report import mean_coverage, summed_histogram, summed_reliability
 from recon.evaluation.tables import whole_result
 
 REGIONS = ("nonocc", "all", "occluded")
@@ -61,6 +61,11 @@ def an_entry(method, scene, start, *, protocols=("official@Q",), regions=REGIONS
             "avgerr": [0.1, 0.2, 0.4, start],
             "auc": 2.0,
         },
+        "reliability": {
+            "pixels": [10.0, *([0.0] * 8), 90.0],
+            "said": [0.5, *([0.0] * 8), 85.0],
+            "right": [2.0, *([0.0] * 8), 81.0],
+        },
         "histogram": {"edges": [-1.0, 0.0, 1.0], "counts": [10, 40, 30, 20]},
         "seconds": start / 10,
         "peak_mb": 100.0 * start,
@@ -92,6 +97,9 @@ def curves_of(entries):
     return {
         method: {
             "coverage": mean_coverage(e["coverage"] for e in done if e["method"] == method),
+            "reliability": summed_reliability(
+                e["reliability"] for e in done if e["method"] == method
+            ),
             "histogram": summed_histogram(e["histogram"] for e in done if e["method"] == method),
         }
         for method in dict.fromkeys(entry["method"] for entry in entries)

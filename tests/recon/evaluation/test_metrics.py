@@ -11,6 +11,7 @@ from recon.evaluation.metrics import (
     coverage_curve,
     error_histogram,
     measures,
+    reliability_curve,
 )
 
 NAN = np.nan
@@ -148,6 +149,17 @@ def test_the_coverage_curve_of_four_pixels():
     assert curve["bad2.0"] == pytest.approx([0, 0, 100 / 3, None])
     assert curve["avgerr"] == pytest.approx([0, 1, 5 / 3, None])
     assert curve["auc"] == pytest.approx(100 / 9)
+
+
+def test_what_is_said_is_held_against_what_came_true():
+    right, confidence = row(1, 0, 1, 1, 1) > 0, row(0.95, 0.91, 1.0, 0.25, 0.2)
+    counted = row(1, 1, 1, 1, 0) > 0
+
+    curve = reliability_curve(right, confidence, counted)
+
+    assert curve["pixels"] == [0, 0, 1, 0, 0, 0, 0, 0, 0, 3]
+    assert curve["said"] == pytest.approx([0, 0, 0.25, 0, 0, 0, 0, 0, 0, 2.86])
+    assert curve["right"] == [0, 0, 1, 0, 0, 0, 0, 0, 0, 2]
 
 
 def test_pixels_of_one_confidence_share_their_mean():

@@ -12,12 +12,18 @@ from made_up_results import ALL_PAIRS, Page, a_failure, a_run, an_entry, curves_
 from PIL import Image
 
 from recon.evaluation.published import PUBLISHED, Published
-from recon.evaluation.report import mean_coverage, render_page, summed_histogram
+from recon.evaluation.report import (
+    mean_coverage,
+    render_page,
+    summed_histogram,
+    summed_reliability,
+)
 from recon.evaluation.report.charts import (
     METHOD_COLOURS,
     coverage_chart,
     histogram_chart,
     method_colours,
+    reliability_chart,
 )
 from recon.evaluation.report.curves import end_points
 from recon.evaluation.report.numbers import MISSING, as_printed, fixed, two_digits
@@ -695,6 +701,36 @@ def test_a_coverage_line_lies_where_its_figures_say():
     assert dot.points == ""
     np.testing.assert_allclose(dot.end, (middle, (top + bottom) / 2))
     assert [tick.text for tick in chart.x_ticks] == ["0", "20", "40", "60", "80", "100"]
+
+
+def test_reliabilities_of_scenes_are_added():
+    one = {"pixels": [10, 0], "said": [2.0, 0.0], "right": [4, 0]}
+    other = {"pixels": [10, 20], "said": [4.0, 18.0], "right": [1, 15]}
+
+    total = summed_reliability([one, None, other])
+
+    assert total == {"pixels": [20, 20], "said": [6.0, 18.0], "right": [5, 15], "gap": 4 / 40}
+    assert summed_reliability([None]) is None
+
+
+def test_what_comes_true_as_said_lies_on_the_diagonal():
+    true = {"pixels": [0, 20], "said": [0.0, 18.0], "right": [0, 18], "gap": 0.0}
+    bold = {"pixels": [10, 10], "said": [5.0, 10.0], "right": [0, 5], "gap": 0.5}
+
+    chart = reliability_chart({"true": true, "none": None, "bold": bold})
+
+    left, top, right, bottom = chart.box
+    middle = (left + right) / 2
+    assert [line.method for line in chart.lines] == ["true", "bold"]
+    np.testing.assert_allclose(
+        points_of(chart.lines[0]),
+        [(left + 0.9 * (right - left), bottom + 0.9 * (top - bottom))],
+    )
+    np.testing.assert_allclose(
+        points_of(chart.lines[1]), [(middle, bottom), (right, (top + bottom) / 2)]
+    )
+    assert chart.lines[1].summary == "50.0 points apart in the mean"
+    assert reliability_chart({"none": None}) is None
 
 
 def test_the_page_draws_lines_and_dots_in_the_colours_of_their_methods():

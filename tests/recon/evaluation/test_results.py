@@ -7,6 +7,7 @@ def entry(method, count):
     return {
         "method": method,
         "coverage": None,
+        "reliability": None,
         "histogram": {"edges": [0.0], "counts": [count, 0]},
     }
 

@@ -75,6 +75,7 @@ def test_the_truth_has_no_error_in_any_figure(task):
     assert entry["cloud"]["accuracy_1%"] == 100
     assert sum(entry["histogram"]["counts"]) == still_life().visible.sum()
     assert entry["coverage"]["bad2.0"][-1] == 0
+    assert sum(entry["reliability"]["right"]) == sum(entry["reliability"]["pixels"]) > 0
     assert entry["seconds"] > 0
     assert 100 < entry["peak_mb"] < 10_000
 
@@ -121,7 +122,7 @@ def test_maps_of_others_have_no_time(task, tmp_path):
 
     assert entry["seconds"] is None
     assert entry["peak_mb"] is None
-    assert entry["coverage"] is None
+    assert entry["coverage"] is entry["reliability"] is None
     assert entry["protocols"]["own-size"]["all"]["avgerr"] < 0.01
 
 

@@ -24,6 +24,7 @@ def entry(method, scene, avgerr, *, dataset="middlebury-v3/Q", label="official@Q
         "depth": {"nonocc": {"median_relative": 0.01}},
         "cloud": None,
         "coverage": {"share": [50, 100], "bad2.0": [1.0, None], "avgerr": [1.0, None]},
+        "reliability": None,
         "histogram": {"edges": [0, 1], "counts": [3]},
         "seconds": 2.0,
         "peak_mb": 800.0,
