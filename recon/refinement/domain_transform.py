@@ -32,17 +32,22 @@ class DomainTransform:
         sigma_range: of the guide, sum of channels in [0, 1]; larger smooths across stronger edges.
         iterations: passes over both axes; more leave fewer stripes.
         confidence_weighted: let a disparity weigh as much as it is trusted.
+        below_confidence: change only disparities that are trusted less than this, for what is well
+            matched is finer than its smooth version; all if not given.
     """
 
     sigma_space_px: float = 5.0
     sigma_range: float = 0.03
     iterations: int = 3
     confidence_weighted: bool = False
+    below_confidence: float | None = None
 
     def __post_init__(self) -> None:
         for name in ("sigma_space_px", "sigma_range", "iterations"):
             if not getattr(self, name) > 0:
                 raise ValueError(f"{name} must be positive, got {getattr(self, name)}")
+        if self.below_confidence is not None and not 0 < self.below_confidence <= 1:
+            raise ValueError(f"below_confidence must be in (0, 1], got {self.below_confidence}")
 
     def __call__(self, disparity: DisparityMap[Tensor], *, guide: Tensor) -> DisparityMap[Tensor]:
         """Smooth within surfaces of one colour."""
@@ -57,6 +62,9 @@ class DomainTransform:
             sigma=self.sigma_space_px,
             iterations=self.iterations,
         )
+        if self.below_confidence is not None:
+            doubted = disparity.confidence < self.below_confidence
+            values = torch.where(doubted, values, disparity.values)
         return replace(disparity, values=torch.where(valid, values, float("nan")))
 
     def _steps(self, guide: Tensor, axis: int) -> Tensor:

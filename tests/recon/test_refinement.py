@@ -131,6 +131,27 @@ def test_a_trusted_disparity_weighs_more_if_confidence_counts():
     assert (weighted > plain).all()
 
 
+def test_what_is_trusted_enough_can_be_left_alone(texture):
+    values, guide = 9 * texture(HEIGHT, WIDTH).mean(2), texture(HEIGHT, WIDTH)
+    trusted = torch.linspace(0, 1, WIDTH).expand(HEIGHT, WIDTH)
+    status = torch.full((HEIGHT, WIDTH), int(PixelStatus.MATCHED), dtype=torch.uint8)
+    disparity = DisparityMap(values, status, trusted)
+
+    everywhere = DomainTransform()(disparity, guide=guide).values
+    some = DomainTransform(below_confidence=0.5)(disparity, guide=guide).values
+
+    half = WIDTH // 2
+    assert torch.equal(some[:, half:], values[:, half:])
+    assert torch.equal(some[:, :half], everywhere[:, :half])
+    assert not torch.equal(some[:, :half], values[:, :half])
+
+
+@pytest.mark.parametrize("limit", [0.0, 1.1])
+def test_a_limit_of_confidence_outside_its_range_is_refused(limit):
+    with pytest.raises(ValueError, match=r"below_confidence must be in \(0, 1\]"):
+        DomainTransform(below_confidence=limit)
+
+
 def test_pixels_without_any_confidence_keep_a_disparity(texture):
     values = torch.ones((6, 7))
     status = torch.full((6, 7), int(PixelStatus.MATCHED), dtype=torch.uint8)
