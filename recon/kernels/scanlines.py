@@ -8,7 +8,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from recon.kernels.compiled import Array, array_of, compiled, prange
+from recon.kernels.compiled import Array, array_of, compiled, on_cpu, prange
 
 __all__ = ["PathCosts", "path_sums"]
 
@@ -62,7 +62,17 @@ def path_sums(volume: Tensor, guide: Tensor, costs: PathCosts, *, directions: in
     if missing.all():
         return volume.clone()
     highest = float(torch.where(missing, -torch.inf, volume).max())
-    values, lightness = array_of(volume.clamp(max=highest)), array_of(guide)
+    complete = volume.clamp(max=highest)
+    if on_cpu(volume):
+        result = _sums_by_threads(complete, guide, costs, directions)
+    else:
+        result = _sums_by_lines(complete, guide, costs, directions)
+    return result.masked_fill_(missing, float("inf"))
+
+
+def _sums_by_threads(volume: Tensor, guide: Tensor, costs: PathCosts, directions: int) -> Tensor:
+    """Return the sums of a complete volume, path by path on the threads of the CPU."""
+    values, lightness = array_of(volume), array_of(guide)
     result = torch.zeros(volume.shape)
     total = array_of(result)
     small, large, edge, across = (np.float32(cost) for cost in costs)
@@ -71,7 +81,46 @@ def path_sums(volume: Tensor, guide: Tensor, costs: PathCosts, *, directions: in
     for slope in (0,) if directions == 4 else (0, 1, -1):
         _down(values, lightness, slope, *pays, total)
         _down(values[::-1], lightness[::-1], slope, *pays, total[::-1])
-    return result.to(volume.device).masked_fill_(missing, float("inf"))
+    return result
+
+
+def _sums_by_lines(volume: Tensor, guide: Tensor, costs: PathCosts, directions: int) -> Tensor:
+    """Return the same, all paths of a direction at once, for devices with many threads."""
+    result = torch.zeros_like(volume)
+    across = volume.transpose(0, 1), guide.transpose(0, 1), result.transpose(0, 1)
+    for slope in (0,) if directions == 4 else (0, 1, -1):
+        _add_downward(volume, guide, result, slope, costs)
+        _add_downward(volume.flip(0), guide.flip(0), result, slope, costs, upward=True)
+    _add_downward(*across, 0, costs)
+    _add_downward(across[0].flip(0), across[1].flip(0), across[2], 0, costs, upward=True)
+    return result
+
+
+def _add_downward(
+    volume: Tensor, guide: Tensor, total: Tensor, slope: int, costs: PathCosts,
+    *, upward: bool = False,
+) -> None:  # fmt: skip
+    """Add the paths from the first line to the last that move `slope` columns a line.
+
+    `total` is in the order of the image: with `upward` its last line is the first of `volume`.
+    """
+    height, width, _ = volume.shape
+    here = slice(max(0, slope), width + min(0, slope))  # columns with one before them
+    there = slice(max(0, -slope), width - max(0, slope))
+    before = volume[0]
+    for y in range(height):
+        paths = volume[y].clone()
+        if y and paths[here].numel():
+            edgy = (guide[y, here] - guide[y - 1, there]).abs() >= costs.edge
+            large = torch.where(edgy, costs.large * costs.across, costs.large)[:, None]
+            came = before[there]
+            least = came.amin(1, keepdim=True)
+            cheapest = torch.minimum(came, least + large)
+            cheapest[:, 1:] = torch.minimum(cheapest[:, 1:], came[:, :-1] + costs.small)
+            cheapest[:, :-1] = torch.minimum(cheapest[:, :-1], came[:, 1:] + costs.small)
+            paths[here] += cheapest - least
+        total[height - 1 - y if upward else y] += paths
+        before = paths
 
 
 @compiled(finite=True)

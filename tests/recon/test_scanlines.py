@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from recon.kernels.scanlines import PathCosts, path_sums
+from recon.kernels.scanlines import PathCosts, _sums_by_lines, path_sums
 
 COSTS = PathCosts(small=0.1, large=0.5, edge=0.3, across=0.4)
 WAYS = {4: [(0, 1), (0, -1), (1, 0), (-1, 0)]}
@@ -44,6 +44,19 @@ def test_sums_are_those_of_the_formula(directions, size, generator, assert_close
 
     expected = written_out(volume.numpy(), guide.numpy(), COSTS, directions)
     assert_close(sums, expected, rtol=1e-4, atol=1e-4)  # sums of up to 40 costs in float32
+
+
+@pytest.mark.parametrize("directions", [4, 8])
+@pytest.mark.parametrize("size", [(1, 1), (1, 9), (9, 1), (7, 40), (40, 7)])
+def test_the_form_for_other_devices_gives_the_same_sums(directions, size, generator, assert_close):
+    """It is plain torch, so it can be held against the compiled one on any machine."""
+    volume = torch.rand((*size, 6), generator=generator)
+    guide = torch.rand(size, generator=generator)
+
+    sums = _sums_by_lines(volume, guide, COSTS, directions)
+
+    expected = path_sums(volume, guide, COSTS, directions=directions)
+    assert_close(sums, expected, rtol=1e-4, atol=1e-4)
 
 
 def test_missing_cells_stay_missing_and_count_as_the_highest(generator, assert_close):
