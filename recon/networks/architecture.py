@@ -31,10 +31,7 @@ class Architecture:
         direct: whether the steps to the neighbours are themselves a part of the vector, so that
             what the convolutions find is added to a soft census transform.
         direct_share: share of those steps in the square of the vector's length; 0 leaves it to the
-            training. Noise and blur of generated pairs teach a network to trust faint texture
-            less than photographs deserve.
-        soft_length: whether vectors, or what is learned of them if the rest has its share, may be
-            shorter than 1, v / (|v| + 1), so that a pixel which shows little says little.
+            training.
         faint_step: difference of grey in [0, 1] at which a step counts half; a few times the noise
             of the sensor.
         dilations: how many pixels apart the taps of each convolution at full size are, one entry
@@ -49,7 +46,6 @@ class Architecture:
     features: int = 64
     direct: bool = False
     direct_share: float = 0.0
-    soft_length: bool = False
     faint_step: float = 0.015
     dilations: tuple[int, ...] = ()
 
@@ -135,15 +131,8 @@ class Architecture:
 
 VARIANTS: Mapping[str, Architecture] = MappingProxyType(
     {
-        "fast": Architecture(direct=True, direct_share=0.5, soft_length=True, faint_step=0.004),
-        "wide": Architecture(
-            (64, 96, 96),
-            depth=3,
-            direct=True,
-            direct_share=0.5,
-            soft_length=True,
-            faint_step=0.004,
-        ),
+        "fast": Architecture(direct=True, faint_step=0.004),
+        "wide": Architecture((64, 96, 96), depth=3, direct=True, faint_step=0.004),
     }
 )
 """The networks that are trained to ship."""

@@ -107,7 +107,8 @@ class FeatureNetwork(nn.Module):
             image: (N, 3, H, W) in [0, 1].
 
         Returns:
-            (N, C, H, W), each pixel's vector, of length 1 or at most 1.
+            (N, C, H, W), each pixel's vector, of length 1; in a flat image the steps have no
+            share, and it is shorter.
         """
         height, width = image.shape[-2:]
         stride = self.stride_px
@@ -127,19 +128,12 @@ class FeatureNetwork(nn.Module):
         vectors: Tensor = self.last(F.relu(joined))[..., :height, :width].to(image.dtype)
         shape = self.architecture
         if not shape.direct:
-            return self._of_length(vectors)
+            return F.normalize(vectors, dim=1)
         if not shape.direct_share:
-            return self._of_length(torch.cat((steps, vectors), 1))
+            return F.normalize(torch.cat((steps, vectors), 1), dim=1)
         direct = math.sqrt(shape.direct_share) * F.normalize(steps, dim=1, eps=LEAST_LENGTH)
-        rest = math.sqrt(1 - shape.direct_share) * self._of_length(vectors)
+        rest = math.sqrt(1 - shape.direct_share) * F.normalize(vectors, dim=1)
         return torch.cat((direct, rest), 1)
-
-    def _of_length(self, vectors: Tensor) -> Tensor:
-        """Return vectors of length 1, or shorter ones if the architecture is of soft length."""
-        if self.architecture.soft_length:
-            soft: Tensor = vectors / (vectors.norm(dim=1, keepdim=True) + 1)
-            return soft
-        return F.normalize(vectors, dim=1)
 
     def fused(self) -> FeatureNetwork:
         """Return the same function with batch normalisation folded into the convolutions."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import torch
@@ -53,12 +53,15 @@ def save_features(path: Path, network: FeatureNetwork, *, about: dict[str, str])
         unfinished.unlink(missing_ok=True)
 
 
-def load_features(name: str, device: str | torch.device = "cpu") -> FeatureNetwork:
+def load_features(
+    name: str, device: str | torch.device = "cpu", *, direct_share: float | None = None
+) -> FeatureNetwork:
     """Return a trained feature network, ready to use.
 
     Args:
         name: of shipped weights, such as "fast", or the path of a .safetensors file.
         device: where it computes.
+        direct_share: see `Architecture`; that of the file if not given.
 
     Raises:
         ValueError: if there is no such file, or it is not the weights of such a network.
@@ -69,13 +72,16 @@ def load_features(name: str, device: str | torch.device = "cpu") -> FeatureNetwo
             settings = dict(json.loads((file.metadata() or {})["network"]))
             tensors = {key: file.get_tensor(key) for key in file.keys()}  # noqa: SIM118  not a dict
         settings = {key: tuple(v) if isinstance(v, list) else v for key, v in settings.items()}
-        network = FeatureNetwork(Architecture(**settings))
+        architecture = Architecture(**settings)
+        network = FeatureNetwork(architecture)
         network.load_state_dict(tensors)
     except (SafetensorError, KeyError, ValueError, RuntimeError, TypeError) as error:
         raise ValueError(
             f"{path} does not hold the weights of a feature network "
             f"({' '.join(str(error).split())[:200]}); is the file truncated or of another version?"
         ) from error
+    if direct_share is not None:
+        network.architecture = replace(architecture, direct_share=direct_share)
     network.requires_grad_(requires_grad=False)
     network = network.eval().to(device)
     return network.to(memory_format=torch.channels_last)  # type: ignore[call-overload,no-any-return]

@@ -24,9 +24,8 @@ PLAIN = Architecture(channels=(6,), depth=3, features=8)
 DILATED = Architecture(channels=(6,), depth=3, features=8, dilations=(1, 2, 5))
 BOTH = Architecture(channels=(6, 8), depth=2, features=8, dilations=(1, 3))
 DIRECT = Architecture(channels=(6, 8), depth=1, features=32, direct=True)
-SHARED = replace(DIRECT, direct_share=0.3, soft_length=True)
-SOFT = Architecture(channels=(6,), depth=1, features=8, soft_length=True)
-SHAPES = (SMALL, PLAIN, DILATED, BOTH, DIRECT, SHARED, SOFT)
+SHARED = replace(DIRECT, direct_share=0.3)
+SHAPES = (SMALL, PLAIN, DILATED, BOTH, DIRECT, SHARED)
 LOOSE = {"rtol": 1e-4, "atol": 1e-5}  # convolutions choose their algorithm by size
 
 
@@ -70,8 +69,8 @@ class TestFeatures:
 
         assert features.shape == (2, architecture.features, *size)
         lengths = features.norm(dim=1)
-        if architecture.soft_length:
-            assert ((lengths > 0) & (lengths < 1)).all()
+        if size == (1, 1) and architecture.direct_share:
+            assert ((lengths > 0) & (lengths < 1)).all()  # no neighbour to step to
         else:
             assert_close(lengths, torch.ones(2, *size))
 
@@ -95,7 +94,6 @@ class TestFeatures:
         assert (brighter[:24].sign() == features[:24].sign()).all()
 
     def test_steps_with_a_share_keep_it_and_the_rest_is_learned(self, image, assert_close):
-        """The squares of the lengths: the share for the steps, at most 1 - share for the rest."""
         features = network_of(SHARED)(image)
         direct = network_of(DIRECT)(image)
 
@@ -105,24 +103,12 @@ class TestFeatures:
             torch.nn.functional.normalize(steps, dim=1),
             torch.nn.functional.normalize(direct[:, :24], dim=1),
         )
-        lengths = learned.square().sum(1)
-        assert ((lengths > 0) & (lengths < 0.7)).all()
+        assert_close(learned.square().sum(1), torch.full_like(image[:, 0], 0.7))
 
     def test_a_flat_image_has_no_steps_to_share(self):
         features = network_of(SHARED)(torch.full((1, 3, 9, 9), 0.5))
 
         assert (features[:, :24] == 0).all()
-
-    def test_a_soft_length_is_that_of_the_vector_over_one_more(self, image, assert_close):
-        soft, hard = network_of(SOFT), network_of(replace(SOFT, soft_length=False))
-        raw = {}
-        soft.last.register_forward_hook(lambda module, given, made: raw.update(vectors=made))
-
-        features = soft(image)
-
-        lengths = raw["vectors"].norm(dim=1)
-        assert_close(features.norm(dim=1), lengths / (lengths + 1))
-        assert_close(torch.nn.functional.normalize(features, dim=1), hard(image))
 
     @pytest.mark.parametrize("architecture", SHAPES)
     def test_folding_the_normalisation_changes_nothing(self, architecture, image, assert_close):
@@ -256,6 +242,18 @@ class TestWeights:
         assert not [p for p in network.parameters() if p.requires_grad]
         assert_close(network(image), network_of(SMALL)(image), **LOOSE)
 
+    def test_the_steps_can_be_given_another_share_than_that_of_the_training(self, tmp_path, image):
+        path = tmp_path / "direct.safetensors"
+        save_features(path, network_of(DIRECT), about={})
+
+        network = load_features(str(path), direct_share=0.3)
+
+        assert torch.equal(network(image), network_of(SHARED)(image))
+
+    def test_a_share_of_steps_that_are_no_part_of_the_vector_is_refused(self, weights):
+        with pytest.raises(ValueError, match="0 unless direct"):
+            load_features(str(weights), direct_share=0.3)
+
     def test_the_header_says_where_they_came_from(self, weights):
         with safe_open(weights, framework="pt") as file:
             header = file.metadata()
@@ -267,7 +265,6 @@ class TestWeights:
             "features": 8,
             "direct": False,
             "direct_share": 0.0,
-            "soft_length": False,
             "faint_step": 0.015,
             "dilations": [],
         }
