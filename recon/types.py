@@ -100,7 +100,8 @@ class DisparityMap(Generic[ArrayT]):
         values: (H, W) float32, d = x_left - x_right in pixels; NaN exactly where `status` says
             that there is none.
         status: (H, W) uint8, a `PixelStatus`.
-        confidence: (H, W) float32 in [0, 1]; 0 where there is no disparity.
+        confidence: (H, W) float32 in [0, 1], after `recon.confidence.Confidence` the probability
+            that the value is within 1 px of the truth; 0 where there is no disparity.
     """
 
     values: ArrayT

@@ -13,7 +13,9 @@ from recon.types import DisparityMap
 __all__ = ["DomainTransform"]
 
 LEAST_CONFIDENCE = 1e-3
-"""Weight of a disparity that has no confidence at all, so that every pixel keeps a value."""
+"""Of a disparity that has none at all, so that every pixel keeps a value."""
+LEAST_DOUBT = 0.01
+"""That a confidence of 1 leaves, so that a weight is finite."""
 
 
 @dataclass(frozen=True)
@@ -31,7 +33,8 @@ class DomainTransform:
         sigma_space_px: larger smooths farther.
         sigma_range: of the guide, sum of channels in [0, 1]; larger smooths across stronger edges.
         iterations: passes over both axes; more leave fewer stripes.
-        confidence_weighted: let a disparity weigh as much as it is trusted.
+        confidence_weighted: let a disparity weigh as much as it is trusted: p / (1 - p), the odds
+            that it is right.
         below_confidence: change only disparities that are trusted less than this, for what is well
             matched is finer than its smooth version; all if not given.
     """
@@ -54,7 +57,8 @@ class DomainTransform:
         valid = disparity.valid
         weights = valid.float()
         if self.confidence_weighted:
-            weights = weights * disparity.confidence.clamp(min=LEAST_CONFIDENCE)
+            sure = disparity.confidence.clamp(min=LEAST_CONFIDENCE)
+            weights = weights * sure / (1 - sure + LEAST_DOUBT)
         values = smooth_along_rows_and_columns(
             torch.where(valid, disparity.values, 0.0),
             weights,
