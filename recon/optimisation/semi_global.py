@@ -34,8 +34,8 @@ class SemiGlobal:
         across_edge: share of P2 that is paid across an edge, not below P1 / P2.
         directions: 8, or 4 for half the time.
         subpixel: see `WinnerTakesAll`.
-        shared_slope: see `WinnerTakesAll`. Steps add to both sides of a valley: 0.25 is where
-            fractions of disparity spread most evenly on generated slanted planes.
+        shared_slope: see `WinnerTakesAll`. Steps add to both sides of a valley, the more the larger
+            they are against the costs: the stronger the steps, the larger this should be.
     """
 
     small_step: float = 0.05
@@ -44,7 +44,7 @@ class SemiGlobal:
     across_edge: float = 0.4
     directions: int = 8
     subpixel: bool = True
-    shared_slope: float = 0.25
+    shared_slope: float = 0.0
 
     def __post_init__(self) -> None:
         if not 0 <= self.small_step <= self.large_step:
