@@ -131,6 +131,22 @@ def test_a_trusted_disparity_weighs_more_if_confidence_counts():
     assert (weighted > plain).all()
 
 
+def test_the_weight_of_a_disparity_is_its_odds():
+    """Of being right: 0.98 / 0.03 and 0.99 / 0.02, with the 0.01 that bounds them; 1.5 apart."""
+    values = torch.zeros((1, 21))
+    values[0, 10] = 1.0
+    status = torch.full((1, 21), int(PixelStatus.MATCHED), dtype=torch.uint8)
+    pulls = []
+    for sure in (0.98, 0.99):
+        trusted = torch.full((1, 21), 0.999)
+        trusted[0, 10] = sure
+        disparity = DisparityMap(values, status, trusted)
+        result = DomainTransform(confidence_weighted=True)(disparity, guide=grey(1, 21))
+        pulls.append(result.values[0, 5].item())
+
+    assert pulls[1] > 1.3 * pulls[0]
+
+
 def test_what_is_trusted_enough_can_be_left_alone(texture):
     values, guide = 9 * texture(HEIGHT, WIDTH).mean(2), texture(HEIGHT, WIDTH)
     trusted = torch.linspace(0, 1, WIDTH).expand(HEIGHT, WIDTH)

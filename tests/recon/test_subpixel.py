@@ -16,6 +16,9 @@ from recon.types import Array
 
 VIEW = View(width=240, height=120, focal_px=260.0, baseline_m=0.2)
 TURNS = ((0.6, 0.0), (-0.5, 0.3), (0.2, -0.6))
+"""Walls by which `shared_slope` was chosen."""
+OTHER_TURNS = ((-0.6, 0.2), (0.45, -0.4), (-0.25, 0.65))
+"""Walls by which nothing was chosen."""
 BORDER = 12
 
 
@@ -69,6 +72,16 @@ def matcher_of(preset: str, **optimisation: float) -> Matcher:
 @pytest.mark.parametrize(("preset", "most"), [("best", 0.1), ("sgm", 0.15), ("fast", 0.15)])
 def test_disparities_of_slanted_walls_do_not_crowd_at_integers(preset, most, walls):
     errors, fractions = errors_and_fractions(walls, matcher_of(preset))
+
+    assert unevenness(fractions) < most
+    assert np.abs(errors).mean() < 0.08
+
+
+@pytest.mark.parametrize(("preset", "most"), [("best", 0.1), ("sgm", 0.25), ("fast", 0.5)])
+def test_nor_do_those_of_walls_by_which_nothing_was_chosen(preset, most):
+    others = [slanted_wall(*angles) for angles in OTHER_TURNS]
+
+    errors, fractions = errors_and_fractions(others, matcher_of(preset))
 
     assert unevenness(fractions) < most
     assert np.abs(errors).mean() < 0.08
