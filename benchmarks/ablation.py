@@ -19,7 +19,7 @@ from typing import Any
 from recon.cli import main as reconstruct
 from recon.training.progress import Lines, Scores
 from recon.training.recipe import Recipe
-from recon.training.settings import Training
+from recon.training.settings import FeatureTraining
 from recon.training.train import train
 
 ROWS: dict[str, dict[str, Any]] = {
@@ -40,7 +40,7 @@ ROWS: dict[str, dict[str, Any]] = {
 }
 
 
-def trained(name: str, changes: dict[str, Any], base: Training, out: Path) -> Path:
+def trained(name: str, changes: dict[str, Any], base: FeatureTraining, out: Path) -> Path:
     """Train a row unless that was done, and return its weights."""
     weights = out / name / f"{base.variant}.safetensors"
     if not weights.exists():
@@ -72,7 +72,7 @@ def main() -> None:
     parser.add_argument("--pairs", type=int, default=56)
     parser.add_argument("--out", type=Path, default=Path("out/ablation"))
     options = parser.parse_args()
-    base = Training(
+    base = FeatureTraining(
         variant=options.variant,
         source="pool",
         steps=options.steps,

@@ -57,10 +57,12 @@ class CostVolume:
     Attributes:
         cost: (H, W, D) float32; lower is better, +inf where a candidate has no cost.
         disparities: the D candidates d = x_left - x_right, in pixels.
+        of_right: whether the pixels are those of the right view.
     """
 
     cost: Tensor
     disparities: range
+    of_right: bool = False
 
     def __post_init__(self) -> None:
         if self.cost.ndim != 3 or self.cost.shape[2] != len(self.disparities):
@@ -89,7 +91,7 @@ class CostVolume:
         diagonal = padded.as_strided(
             (height, width, count), (row, column, column + 1), (before + first) * column
         )
-        return CostVolume(diagonal.contiguous(), self.disparities)
+        return CostVolume(diagonal.contiguous(), self.disparities, of_right=True)
 
 
 @dataclass(frozen=True, eq=False)

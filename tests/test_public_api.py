@@ -20,8 +20,10 @@ PUBLIC = {
     "recon.matching_cost": """MATCHING_COSTS AbsoluteDifference AdCensus Census LearnedCost
         MatchingCost NormalisedCrossCorrelation SumOfAbsoluteDifferences SumOfSquaredDifferences
         ZeroMeanNormalisedCrossCorrelation""",
-    "recon.networks": """Architecture FeatureNetwork load_features save_features shipped_weights""",
-    "recon.optimisation": "OPTIMISATIONS Optimisation SemiGlobal WinnerTakesAll",
+    "recon.networks": """Architecture FeatureNetwork Regulariser RegulariserShape load_features
+        load_regulariser save_features save_regulariser shipped_weights""",
+    "recon.optimisation": """LearnedOptimisation OPTIMISATIONS Optimisation SemiGlobal
+        WinnerTakesAll""",
     "recon.refinement": "REFINEMENTS DomainTransform Median Refinement WeightedMedian",
     "recon.viewer": "Drawing Limits RerunObserver archetypes open_recording",
 }

@@ -12,7 +12,7 @@ from recon.cli.evaluate import evaluate
 from recon.cli.look import presets, view
 from recon.cli.pair import demo, pair
 from recon.cli.terminal import errors
-from recon.cli.train import train
+from recon.cli.train import train, train_regulariser
 
 __all__ = ["COMMANDS", "main"]
 
@@ -23,18 +23,26 @@ COMMANDS: dict[str, Callable[..., Any]] = {
     "evaluate": evaluate,
     "presets": presets,
     "train": train,
+    "train-regulariser": train_regulariser,
     "view": view,
 }
 
 
+TWO_WORDS = {"train regulariser": "train-regulariser", "train features": "train"}
+"""Commands that are said in two words."""
+
+
 def main(arguments: list[str] | None = None) -> None:
     """Run the command; mistakes of the user end it with one message and status 2."""
+    words = sys.argv[1:] if arguments is None else arguments
+    if said := TWO_WORDS.get(" ".join(words[:2])):
+        words = [said, *words[2:]]
     try:
         tyro.extras.subcommand_cli_from_dict(
             COMMANDS,
             prog="reconstruct",
             description="From a pair of photographs to a metric point cloud and a textured mesh.",
-            args=arguments,
+            args=words,
             config=(
                 tyro.conf.FlagCreatePairsOff,
                 tyro.conf.DisallowNone,

@@ -1,4 +1,4 @@
-"""`reconstruct train`: the network of the matching cost, from scenes that are generated."""
+"""`reconstruct train`: both networks, from scenes that are generated."""
 
 from __future__ import annotations
 
@@ -16,29 +16,53 @@ from rich.progress import (
 from tyro.conf import arg
 
 from recon.cli.terminal import Device, console, device_named
-from recon.training.settings import Training
+from recon.training.settings import FeatureTraining, RegulariserTraining, Training
 
 if TYPE_CHECKING:
     from recon.observer import Observer
     from recon.training.progress import Step
 
-__all__ = ["train"]
+__all__ = ["train", "train_regulariser"]
 
-DEFAULTS = Training()
+FEATURES = FeatureTraining()
+REGULARISER = RegulariserTraining()
 
 
 def train(
-    settings: Annotated[Training, arg(name="")] = DEFAULTS, *, device: Device = "auto"
+    settings: Annotated[FeatureTraining, arg(name="")] = FEATURES, *, device: Device = "auto"
 ) -> None:
     """Train the network of the matching cost on generated pairs, from nothing.
 
     Writes weights, their card, a checkpoint and pictures of what the network sees into --out. What
+    was stopped goes on when the same command is given again. `reconstruct train regulariser`
+    trains the other network, which looks around among the costs.
+
+    Args:
+        settings: what to train.
+        device: where to compute.
+    """
+    _train(settings, device)
+
+
+def train_regulariser(
+    settings: Annotated[RegulariserTraining, arg(name="")] = REGULARISER,
+    *,
+    device: Device = "auto",
+) -> None:
+    """Train the regulariser on generated pairs and the costs of a network that is ready.
+
+    Writes weights, their card, a checkpoint and pictures of what the network finds into --out. What
     was stopped goes on when the same command is given again.
 
     Args:
         settings: what to train.
         device: where to compute.
     """
+    _train(settings, device)
+
+
+def _train(settings: Training, device: Device) -> None:
+    """Train with a bar of progress."""
     from recon.training.train import train as run
 
     columns = (

@@ -1,6 +1,23 @@
 """Networks as plain modules, and their weights as checked files."""
 
 from recon.networks.features import Architecture, FeatureNetwork
-from recon.networks.weights import load_features, save_features, shipped_weights
+from recon.networks.regulariser import Regulariser, RegulariserShape
+from recon.networks.weights import (
+    load_features,
+    load_regulariser,
+    save_features,
+    save_regulariser,
+    shipped_weights,
+)
 
-__all__ = ["Architecture", "FeatureNetwork", "load_features", "save_features", "shipped_weights"]
+__all__ = [
+    "Architecture",
+    "FeatureNetwork",
+    "Regulariser",
+    "RegulariserShape",
+    "load_features",
+    "load_regulariser",
+    "save_features",
+    "save_regulariser",
+    "shipped_weights",
+]

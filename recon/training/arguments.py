@@ -5,15 +5,22 @@ from __future__ import annotations
 import argparse
 import inspect
 import re
+import sys
 from collections.abc import Sequence
 from dataclasses import fields
 from types import NoneType
 from typing import Any, Literal, get_args, get_origin, get_type_hints
 
 from recon.training.recipe import Recipe
-from recon.training.settings import Training
+from recon.training.settings import FeatureTraining, RegulariserTraining, Training
 
-__all__ = ["parsed"]
+__all__ = ["TRAININGS", "parsed"]
+
+TRAININGS: dict[str, type[Training]] = {
+    "features": FeatureTraining,
+    "regulariser": RegulariserTraining,
+}
+"""What can be trained, by the first word of a command line; the first if there is none."""
 
 
 def parsed(arguments: Sequence[str] | None, description: str | None) -> tuple[Training, str]:
@@ -23,23 +30,28 @@ def parsed(arguments: Sequence[str] | None, description: str | None) -> tuple[Tr
         arguments: words; those of the program if None.
         description: what the program does, for --help.
     """
-    parser = argparse.ArgumentParser(description=description)
+    words = list(sys.argv[1:] if arguments is None else arguments)
+    name = words.pop(0) if words and words[0] in TRAININGS else next(iter(TRAININGS))
+    kind = TRAININGS[name]
+    parser = argparse.ArgumentParser(
+        description=description, epilog=f"first word: {' or '.join(TRAININGS)}; this is {name}"
+    )
     parser.add_argument("--device", default="cpu", help="where to compute")
-    _add_options(parser, Training, "")
+    _add_options(parser, kind, "")
     found: dict[str, Any] = {
         name: tuple(value) if isinstance(value, list) else value
-        for name, value in vars(parser.parse_args(arguments)).items()
+        for name, value in vars(parser.parse_args(words)).items()
     }
     device: str = found.pop("device")
     own = {name: value for name, value in found.items() if "." not in name}
     nested = {name.split(".")[1]: value for name, value in found.items() if "." in name}
-    return Training(**own, recipe=Recipe(**nested)), device
+    return kind(**own, recipe=Recipe(**nested)), device
 
 
 def _add_options(parser: argparse.ArgumentParser, kind: type[Any], prefix: str) -> None:
     """Add one option a setting, explained in the words of its docstring."""
     hints = get_type_hints(kind)
-    explained = dict(re.findall(r"^ {4}(\w+): ((?:.|\n {8})+)", inspect.getdoc(kind) or "", re.M))
+    explained = _explained(kind)
     for field in fields(kind):
         if hints[field.name] is Recipe:
             _add_options(parser, Recipe, f"{field.name}.")
@@ -52,6 +64,16 @@ def _add_options(parser: argparse.ArgumentParser, kind: type[Any], prefix: str) 
             help=" ".join(explained[field.name].split()).replace("%", "%%") + _usual(field.default),
             **_reading(hints[field.name]),
         )
+
+
+def _explained(kind: type[Any]) -> dict[str, str]:
+    """Return what the docstrings of a dataclass and of those it extends say of each setting."""
+    found: dict[str, str] = {}
+    for each in reversed(kind.__mro__):
+        found |= re.findall(
+            r"^ {4}(\w+): ((?:.|\n {8})+)", inspect.cleandoc(each.__doc__ or ""), re.M
+        )
+    return found
 
 
 def _reading(hint: object) -> dict[str, Any]:

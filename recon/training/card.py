@@ -6,6 +6,7 @@ import platform
 import subprocess
 from importlib import metadata
 from pathlib import Path
+from typing import Any
 
 import torch
 
@@ -54,7 +55,7 @@ def _device(device: torch.device) -> str:
     return str(torch.get_device_module(device).get_device_name(device))
 
 
-def about(run: Run, scores: Scores) -> dict[str, str]:
+def about(run: Run[Any], scores: Scores) -> dict[str, str]:
     """Return the header of the weights' file: every setting, and where they come from."""
     return {
         "command": run.settings.command(),
@@ -68,17 +69,12 @@ def about(run: Run, scores: Scores) -> dict[str, str]:
     }
 
 
-def card(run: Run, scores: Scores) -> str:
+def card(run: Run[Any], scores: Scores) -> str:
     """Return the page that lies beside the weights, in Markdown."""
-    settings, shape = run.settings, run.architecture
-    weights = sum(value.numel() for value in run.network.fused().parameters())
-    seen = 2 * shape.margin_px + 1
+    settings = run.settings
     known = about(run, scores)
     rows = {
-        "architecture": (
-            f"`{shape}`: {weights:,} weights, {shape.gflop_per_megapixel_pair:,.0f} GFLOP a pair "
-            f"of 1 MP, sees {seen} x {seen} pixels"
-        ),
+        "architecture": run.shape_in_words(),
         "command": f"`{known['command']}`; every setting is also in the header of the file",
         "commit": known["commit"],
         "versions": known["versions"],
@@ -89,13 +85,12 @@ def card(run: Run, scores: Scores) -> str:
         ),
         "score": (
             f"within 1 px of the truth, on the visible pixels of the {settings.validation_pairs} "
-            f"validation pairs, winner of the raw cost: {scores.plain:.1%}; with augmentation "
-            f"{scores.augmented:.1%}"
+            f"validation pairs: {scores.plain:.1%}; with augmentation {scores.augmented:.1%}"
         ),
         "licence": "Apache-2.0, like the code",
     }
     lines = [f"| {name} | {value} |" for name, value in rows.items()]
-    title = f"# `{settings.variant}`: weights of the matching cost network"
+    title = f"# `{settings.name}`: weights of the {run.purpose}"
     return "\n".join([title, "", "| | |", "| --- | --- |", *lines, ""])
 
 

@@ -14,7 +14,7 @@ from recon.training.loss import best_disparity, similarities
 from recon.training.misalignment import Pairs
 from recon.types import Array
 
-__all__ = ["picture", "write_picture"]
+__all__ = ["maps_below_views", "picture", "write_picture"]
 
 GAP_PX = 4
 
@@ -32,13 +32,26 @@ def picture(network: FeatureNetwork, pairs: Pairs) -> Array:
     """
     left, right = pairs.left[:1], pairs.right[:1]
     found = best_disparity(similarities(network(left), network(right)))[0].float()
+    return maps_below_views(pairs, found)
+
+
+def maps_below_views(pairs: Pairs, found: Tensor) -> Array:
+    """Draw the first of some pairs: left, right, truth where visible, what was found.
+
+    Args:
+        pairs: as the network sees it.
+        found: (h, W) px, its disparities.
+
+    Returns:
+        (4 h + 3 gaps, W, 3) uint8, one below the other.
+    """
     truth, visible = pairs.disparity[0], pairs.visible[0]
     low, high = float(truth.min()), max(float(truth.max()), float(truth.min()) + 1)
 
     def coloured(values: Tensor) -> Array:
         return colour_mapped(values.cpu().numpy(), low, high)
 
-    views = [_as_colours(view[0]) for view in (left, right)]
+    views = [_as_colours(view) for view in (pairs.left[0], pairs.right[0])]
     hidden = torch.where(visible, truth, torch.nan)
     rows = [*views, coloured(hidden), coloured(found)]
     gap = np.full((GAP_PX, rows[0].shape[1], 3), MISSING_COLOUR, np.uint8)

@@ -4,23 +4,23 @@ from __future__ import annotations
 
 import math
 import time
-from dataclasses import dataclass
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from pathlib import Path
 from pickle import UnpicklingError
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 
-from recon.networks import FeatureNetwork
-from recon.networks.architecture import architecture_named
 from recon.training.augmentation import Augmentation
 from recon.training.batches import Source, random_crops
-from recon.training.loss import matching_loss, near_edges, similarities, within_one_pixel
 from recon.training.misalignment import Pairs
+from recon.training.progress import Scores
 from recon.training.recipe import recipe_hash
 from recon.training.settings import Training
-from recon.training.support import Support
+from recon.types import Array
 
 __all__ = ["Run", "Update"]
 
@@ -28,8 +28,9 @@ UNREADABLE = (
     *(AttributeError, EOFError, KeyError, OSError, RuntimeError, TypeError, ValueError),
     UnpicklingError,
 )
-FIRST_SHARPNESS = 20.0
 WEIGHT_DECAY = 1e-4
+
+SettingsT = TypeVar("SettingsT", bound=Training)
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,21 +39,19 @@ class Update:
 
     Attributes:
         pairs: as the network saw it, after the augmentation.
-        similarity: (N, h, W, D) of the candidates, after the support.
         loss: ().
+        within_one_pixel: returns the share of visible pixels that are within 1 px of the truth.
     """
 
     pairs: Pairs
-    similarity: Tensor
     loss: Tensor
-
-    def within_one_pixel(self) -> float:
-        """Return the share of visible pixels whose best candidate is within 1 px of the truth."""
-        return within_one_pixel(self.similarity, self.pairs.disparity, self.pairs.visible)
+    within_one_pixel: Callable[[], float]
 
 
-class Run:
+class Run(ABC, Generic[SettingsT]):
     """Weights, optimiser and randomness, all of which a checkpoint holds.
+
+    What is trained, and to do what, is the business of a subclass.
 
     Args:
         settings: what to train.
@@ -62,31 +61,69 @@ class Run:
         ValueError: if the checkpoint is damaged or of other settings.
     """
 
-    def __init__(self, settings: Training, device: torch.device) -> None:
+    longest_gradient: float | None = None
+    """Longer gradients are shortened to this; none if nothing is said."""
+
+    def __init__(self, settings: SettingsT, device: torch.device) -> None:
         self.settings = settings
         self.device = device
-        self.architecture = architecture_named(settings.variant)
         self.augmentation = Augmentation(
             photometric=settings.photometric,
             geometric=settings.geometric,
             occluders=settings.occluders,
         )
         self.step = 0
-        self._generator = torch.Generator().manual_seed(settings.seed)
+        self.generator = torch.Generator().manual_seed(settings.seed)
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(settings.seed)
-            network = FeatureNetwork(self.architecture, normalised=True)
-        network.to(device)
-        network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
-        self.network = network
-        self.sharpness = torch.nn.Parameter(torch.tensor(FIRST_SHARPNESS, device=device).log())
-        parameters = [*network.parameters(), self.sharpness]
+            trained = self.begin()
+        self.trained = trained.to(device)
         self.optimiser = torch.optim.AdamW(
-            parameters, settings.learning_rate, weight_decay=WEIGHT_DECAY, fused=True
+            self.trained.parameters(),
+            settings.learning_rate,
+            weight_decay=WEIGHT_DECAY,
+            fused=True,
         )
         self._seconds_before, self._began = 0.0, time.monotonic()
         if self.checkpoint.exists():
             self._resume()
+
+    @abstractmethod
+    def begin(self) -> nn.Module:
+        """Return everything that is trained, with its first weights."""
+
+    @abstractmethod
+    def look(self, pairs: Pairs) -> Update:
+        """Return how wrong the network is on pairs."""
+
+    @abstractmethod
+    def ready(self) -> nn.Module:
+        """Return the network as it is used."""
+
+    @abstractmethod
+    def scores(self) -> Scores:
+        """Return how good the network is by now, on pairs that it never trained on."""
+
+    @abstractmethod
+    def picture(self, pairs: Pairs) -> Array:
+        """Draw what the network sees, (H, W, 3) uint8."""
+
+    @abstractmethod
+    def write(self, path: Path, *, about: dict[str, str]) -> None:
+        """Write the weights, to a temporary name first."""
+
+    @abstractmethod
+    def shape(self) -> str:
+        """Return the shape of the network as a repeatable text."""
+
+    @abstractmethod
+    def shape_in_words(self) -> str:
+        """Return what people want to know of its shape, in Markdown."""
+
+    @property
+    @abstractmethod
+    def purpose(self) -> str:
+        """What the network is, as in "weights of the ..."."""
 
     @property
     def checkpoint(self) -> Path:
@@ -102,7 +139,7 @@ class Run:
         """Return all that the weights follow from; a checkpoint must agree with it."""
         return {
             **self.settings.decisive(),
-            "architecture": str(self.architecture),
+            "architecture": self.shape(),
             "augmentation": recipe_hash(self.augmentation),
         }
 
@@ -113,10 +150,9 @@ class Run:
         state = {
             "step": self.step,
             "seconds": self.seconds,
-            "network": self.network.state_dict(),
-            "sharpness": self.sharpness.data,
+            "network": self.trained.state_dict(),
             "optimiser": self.optimiser.state_dict(),
-            "generator": self._generator.get_state(),
+            "generator": self.generator.get_state(),
             "settings": self.identity(),
         }
         torch.save(state, unfinished)
@@ -136,10 +172,9 @@ class Run:
             raise ValueError(self._refusal(bad)) from bad
 
     def _take_up(self, state: dict[str, Any]) -> None:
-        self.network.load_state_dict(state["network"])
-        self.sharpness.data.copy_(state["sharpness"])
+        self.trained.load_state_dict(state["network"])
         self.optimiser.load_state_dict(state["optimiser"])
-        self._generator.set_state(state["generator"])
+        self.generator.set_state(state["generator"])
         self.step = int(state["step"])
         self._seconds_before = float(state["seconds"])
 
@@ -166,24 +201,16 @@ class Run:
 
     def update(self, source: Source) -> Update:
         """Do one step with pairs of `source`."""
-        settings, generator = self.settings, self._generator
+        settings, generator = self.settings, self.generator
         crops = random_crops(source, self.step, settings, generator=generator, device=self.device)
-        pairs = self.augmentation.whole(crops, generator)
-        weight = pairs.visible.float()
-        if self.step >= settings.edges_from:
-            weight = weight * (1 + settings.edge_weight * near_edges(pairs.disparity))
-        self.network.train()
-        both = torch.cat((pairs.left, pairs.right)).contiguous(memory_format=torch.channels_last)
-        with torch.autocast(self.device.type, torch.bfloat16):
-            features = self.network(both)
-        similarity = similarities(*features.chunk(2))
-        if settings.support_px:
-            similarity = Support(settings.support_px)(similarity, pairs.left)
-        loss = matching_loss(similarity, pairs.disparity, weight, self.sharpness.exp())
+        self.trained.train()
+        update = self.look(self.augmentation.whole(crops, generator))
         for group in self.optimiser.param_groups:
             group["lr"] = self._rate()
         self.optimiser.zero_grad()
-        loss.backward()  # type: ignore[no-untyped-call]
+        update.loss.backward()  # type: ignore[no-untyped-call]
+        if self.longest_gradient is not None:
+            nn.utils.clip_grad_norm_(self.trained.parameters(), self.longest_gradient)
         self.optimiser.step()
         self.step += 1
-        return Update(pairs, similarity.detach(), loss.detach())
+        return replace(update, loss=update.loss.detach())

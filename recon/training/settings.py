@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 from recon.training.recipe import FULL, Recipe, recipe_hash
 
-__all__ = ["Training"]
+__all__ = ["FeatureTraining", "RegulariserTraining", "Training"]
 
 HABITS = ("out", "pool", "workers", "save_every", "max_minutes")
 """Settings that change no weight."""
@@ -17,14 +17,13 @@ HABITS = ("out", "pool", "workers", "save_every", "max_minutes")
 
 @dataclass(frozen=True)
 class Training:
-    """Settings of one training; the weights follow from them alone.
+    """Settings that every training has; its weights follow from them alone.
 
     Attributes:
-        variant: the network to train, fast or wide.
         recipe: what the scenes are made of.
         source: train on a pool of pairs that is kept, or on fresh pairs that are drawn meanwhile;
             auto keeps a pool on a CPU only, where drawing is what takes longest.
-        out: folder of checkpoint, log and weights; checkpoints/VARIANT if not given.
+        out: folder of checkpoint, log and weights; checkpoints/NAME if not given.
         pool: folder of generated pairs; drawn first where missing.
         pairs: how many pairs are in the pool.
         validation_pairs: how many of them, the last ones, are never trained on.
@@ -35,11 +34,6 @@ class Training:
         steps: updates of the weights.
         batch: pairs an update.
         crop_rows: rows of each pair an update sees, over the full width.
-        support_px: radius of the bilateral window through which the loss looks at the costs, as the
-            matcher will; 0 looks at raw costs.
-        edge_weight: how much more the pixels near a depth edge count. A network that sees far finds
-            the foreground before it finds the edge, and fattens it unless told to look.
-        edges_from: the step from which they do.
         learning_rate: the largest one; it falls along a cosine.
         warm_up: steps in which it rises first.
         photometric: change light, tone, sharpness and noise of what the network sees.
@@ -54,7 +48,8 @@ class Training:
         ValueError: if a setting is out of range.
     """
 
-    variant: str = "fast"
+    command_words: ClassVar[str] = "reconstruct train"
+
     recipe: Recipe = FULL
     source: Literal["auto", "pool", "fresh"] = "auto"
     out: Path | None = None
@@ -68,9 +63,6 @@ class Training:
     steps: int = 1000
     batch: int = 4
     crop_rows: int = 48
-    support_px: int = 6
-    edge_weight: float = 2.0
-    edges_from: int = 250
     learning_rate: float = 1.5e-3
     warm_up: int = 100
     photometric: bool = True
@@ -96,17 +88,20 @@ class Training:
         for name in (*positive, "warm_up", "save_every"):
             if not getattr(self, name) > 0:
                 raise ValueError(f"{name} must be positive, got {getattr(self, name)}")
-        if self.support_px < 0:
-            raise ValueError(f"support_px must not be negative, got {self.support_px}")
         if self.workers is not None and self.workers < 0:
             raise ValueError(f"workers must not be negative, got {self.workers}")
         if self.max_minutes is not None and not self.max_minutes > 0:
             raise ValueError(f"max_minutes must be positive, got {self.max_minutes}")
 
     @property
+    def name(self) -> str:
+        """What the weights are called."""
+        raise NotImplementedError
+
+    @property
     def folder(self) -> Path:
         """Where everything is written."""
-        return self.out or Path("checkpoints") / self.variant
+        return self.out or Path("checkpoints") / self.name
 
     @property
     def training_seeds(self) -> range:
@@ -126,7 +121,73 @@ class Training:
 
     def command(self) -> str:
         """Return the command line that trains the same weights, without folders and habits."""
-        return " ".join(["reconstruct train", *_flags(self, "")])
+        return " ".join([self.command_words, *_flags(self, "")])
+
+
+@dataclass(frozen=True)
+class FeatureTraining(Training):
+    """Settings of a training of the matching cost network.
+
+    Attributes:
+        variant: the network to train, fast or wide.
+        support_px: radius of the bilateral window through which the loss looks at the costs, as the
+            matcher will; 0 looks at raw costs.
+        edge_weight: how much more the pixels near a depth edge count. A network that sees far finds
+            the foreground before it finds the edge, and fattens it unless told to look.
+        edges_from: the step from which they do.
+    """
+
+    variant: str = "fast"
+    support_px: int = 6
+    edge_weight: float = 2.0
+    edges_from: int = 250
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.support_px < 0:
+            raise ValueError(f"support_px must not be negative, got {self.support_px}")
+
+    @property
+    def name(self) -> str:
+        """See `Training`."""
+        return self.variant
+
+
+@dataclass(frozen=True)
+class RegulariserTraining(Training):
+    """Settings of a training of the regulariser, on the costs of a network that is ready.
+
+    Attributes:
+        cost_weights: of the matching cost network: a name that ships, or a file.
+        direct_share: see `recon.matching_cost.LearnedCost`.
+        most_candidates: disparities that are searched at most.
+        spare_range: how much more than the largest disparity of a batch is searched, at most, as a
+            share: nobody knows the range exactly.
+    """
+
+    command_words: ClassVar[str] = "reconstruct train regulariser"
+
+    pairs: int = 800
+    steps: int = 5000
+    batch: int = 2
+    crop_rows: int = 128
+    learning_rate: float = 1e-3
+    cost_weights: str = "fast"
+    direct_share: float = 0.4
+    most_candidates: int = 144
+    spare_range: float = 0.6
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.most_candidates < 1:
+            raise ValueError(f"most_candidates must be positive, got {self.most_candidates}")
+        if self.spare_range < 0:
+            raise ValueError(f"spare_range must not be negative, got {self.spare_range}")
+
+    @property
+    def name(self) -> str:
+        """See `Training`."""
+        return "regulariser"
 
 
 def _flags(settings: Training | Recipe, prefix: str) -> Iterator[str]:

@@ -1,4 +1,4 @@
-"""Train the matching cost network on generated pairs: `python -m recon.training.train --help`.
+"""Train a network on generated pairs: `python -m recon.training.train --help`.
 
 The same as `reconstruct train`, on machines that have torch, NumPy and safetensors only.
 """
@@ -9,29 +9,43 @@ import sys
 import time
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
 import torch
+from torch import nn
 
-from recon.networks import FeatureNetwork, save_features
 from recon.observer import Observer, ignore
 from recon.training.arguments import parsed
 from recon.training.batches import Source, pairs_for
 from recon.training.card import about, card
-from recon.training.picture import picture, write_picture
+from recon.training.feature_run import FeatureRun
+from recon.training.picture import write_picture
 from recon.training.pool import fill_pool, missing_pairs
 from recon.training.progress import Drawn, Lines, Saved, Scores, Step, Stopped
+from recon.training.regulariser_run import RegulariserRun
 from recon.training.run import Run, Update
-from recon.training.settings import Training
-from recon.training.validation import validate
+from recon.training.settings import FeatureTraining, RegulariserTraining, Training
 
-__all__ = ["Training", "main", "train"]
+__all__ = ["Training", "main", "run_for", "train"]
 
 SILENT_SECONDS = 10.0
 
 
+RUNS: dict[type[Training], type[Run[Any]]] = {
+    FeatureTraining: FeatureRun,
+    RegulariserTraining: RegulariserRun,
+}
+"""What is trained under which settings."""
+
+
+def run_for(settings: Training, device: torch.device) -> Run[Any]:
+    """Return the run of some settings; see `Run`."""
+    return RUNS[type(settings)](settings, device)
+
+
 def train(
     settings: Training, *, device: str = "cpu", observe: Observer = ignore
-) -> FeatureNetwork | None:
+) -> nn.Module | None:
     """Draw what is missing, train, write weights and their card.
 
     A training that was stopped goes on from its last checkpoint and, on a CPU with as many
@@ -49,7 +63,7 @@ def train(
         ValueError: if the checkpoint or the pool is damaged or of other settings.
     """
     clock = _Clock(settings.max_minutes)
-    run = Run(_decided(settings, device), torch.device(device))
+    run = run_for(_decided(settings, device), torch.device(device))
     scores, filled = None, _fill(run.settings, clock, observe)
     if filled:
         with pairs_for(run.settings, device) as source:
@@ -57,7 +71,7 @@ def train(
     if not filled or run.step < settings.steps:
         observe("stopped", Stopped(run.step, settings.steps, clock.minutes))
         return None
-    return _finish(run, scores or _scores(run), observe)
+    return _finish(run, scores or run.scores(), observe)
 
 
 def _decided(settings: Training, device: str) -> Training:
@@ -99,7 +113,7 @@ def _fill(settings: Training, clock: _Clock, observe: Observer) -> bool:
     return True
 
 
-def _update(run: Run, source: Source, clock: _Clock, observe: Observer) -> Scores | None:
+def _update(run: Run[Any], source: Source, clock: _Clock, observe: Observer) -> Scores | None:
     """Update until the last step or until the time is up, but once at least.
 
     Returns:
@@ -117,7 +131,7 @@ def _update(run: Run, source: Source, clock: _Clock, observe: Observer) -> Score
     return scores
 
 
-def _stretch(run: Run, source: Source, clock: _Clock, observe: Observer) -> Update:
+def _stretch(run: Run[Any], source: Source, clock: _Clock, observe: Observer) -> Update:
     """Update until there is something to say or to save."""
     settings, first, began = run.settings, run.step, time.monotonic()
     until = min(settings.steps, first + settings.save_every - first % settings.save_every)
@@ -131,33 +145,25 @@ def _stretch(run: Run, source: Source, clock: _Clock, observe: Observer) -> Upda
     return update
 
 
-def _scores(run: Run) -> Scores:
-    """Return how good the network is by now."""
-    settings, network = run.settings, run.network.fused()
-    seeds = settings.validation_seeds
-    return validate(network, settings.pool, seeds, step=run.step, device=run.device)
-
-
-def _look(run: Run, update: Update, observe: Observer) -> Scores:
+def _look(run: Run[Any], update: Update, observe: Observer) -> Scores:
     """Draw what the network sees, and return how good it is."""
     path = run.settings.folder / "log" / f"step_{run.step:06d}.png"
-    if write_picture(path, picture(run.network.fused(), update.pairs)):
+    if write_picture(path, run.picture(update.pairs)):
         observe("picture", Saved(path))
-    scores = _scores(run)
+    scores: Scores = run.scores()
     observe("scores", scores)
     return scores
 
 
-def _finish(run: Run, scores: Scores, observe: Observer) -> FeatureNetwork:
+def _finish(run: Run[Any], scores: Scores, observe: Observer) -> nn.Module:
     """Write the weights and their card."""
-    network = run.network.fused().cpu()
-    weights = run.settings.folder / f"{run.settings.variant}.safetensors"
-    save_features(weights, network, about=about(run, scores))
+    weights = run.settings.folder / f"{run.settings.name}.safetensors"
+    run.write(weights, about=about(run, scores))
     unfinished = weights.with_suffix(".part")
     unfinished.write_text(card(run, scores), encoding="utf-8")
     unfinished.replace(weights.with_suffix(".md"))
     observe("weights", Saved(weights))
-    return network
+    return run.ready().cpu()
 
 
 def main(arguments: list[str] | None = None) -> None:

@@ -13,7 +13,7 @@ from recon.training import train as training
 from recon.training.arguments import parsed
 from recon.training.progress import Drawn, Saved, Step
 from recon.training.recipe import Recipe
-from recon.training.settings import Training
+from recon.training.settings import FeatureTraining
 from recon.training.train import main
 
 CONFIG = (
@@ -40,14 +40,14 @@ def reconstruct_train(words):
 
 
 CASES = {
-    "": Training(),
-    "--variant wide --steps 7": Training(variant="wide", steps=7),
-    "--size 64 48 --learning-rate 0.5": Training(size=(64, 48), learning_rate=0.5),
-    "--source fresh --draw-on cpu": Training(source="fresh", draw_on="cpu"),
-    "--out here --pool there": Training(out=Path("here"), pool=Path("there")),
-    "--no-photometric --no-occluders": Training(photometric=False, occluders=False),
-    "--max-minutes 9.5 --workers 3": Training(max_minutes=9.5, workers=3),
-    "--recipe.no-light --recipe.scenes room fence": Training(
+    "": FeatureTraining(),
+    "--variant wide --steps 7": FeatureTraining(variant="wide", steps=7),
+    "--size 64 48 --learning-rate 0.5": FeatureTraining(size=(64, 48), learning_rate=0.5),
+    "--source fresh --draw-on cpu": FeatureTraining(source="fresh", draw_on="cpu"),
+    "--out here --pool there": FeatureTraining(out=Path("here"), pool=Path("there")),
+    "--no-photometric --no-occluders": FeatureTraining(photometric=False, occluders=False),
+    "--max-minutes 9.5 --workers 3": FeatureTraining(max_minutes=9.5, workers=3),
+    "--recipe.no-light --recipe.scenes room fence": FeatureTraining(
         recipe=Recipe(light=False, scenes=("room", "fence"))
     ),
 }
@@ -122,5 +122,5 @@ def test_progress_is_shown_with_and_without_a_terminal(monkeypatch, terminal):
 
 
 def test_the_folder_is_named_after_the_variant_unless_given():
-    assert Training(variant="wide").folder == Path("checkpoints/wide")
-    assert replace(Training(), out=Path("here")).folder == Path("here")
+    assert FeatureTraining(variant="wide").folder == Path("checkpoints/wide")
+    assert replace(FeatureTraining(), out=Path("here")).folder == Path("here")

@@ -8,7 +8,7 @@ from small_trainings import KEPT, PAIRS, SIZE, SMALL, draw_bands
 
 from recon.networks import architecture
 from recon.training.pool import fill_pool
-from recon.training.settings import Training
+from recon.training.settings import FeatureTraining
 
 
 @pytest.fixture(autouse=True, scope="module")
@@ -36,7 +36,7 @@ def pool(tmp_path):
 
 @pytest.fixture
 def settings(pool, tmp_path):
-    return Training(
+    return FeatureTraining(
         variant="small",
         out=tmp_path / "out",
         pool=pool,

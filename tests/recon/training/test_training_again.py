@@ -9,8 +9,8 @@ from safetensors import safe_open
 from small_trainings import PAIRS, Killed, draw_bands, killed_at, left_off_at, weights_of
 
 from recon.training.batches import pairs_for
+from recon.training.feature_run import FeatureRun
 from recon.training.progress import Scores, Stopped
-from recon.training.run import Run
 from recon.training.train import train
 
 
@@ -102,7 +102,7 @@ class TestOnADevice:
 
         losses = []
         for name in ("cpu", "cuda"):
-            run = Run(settings, torch.device(name))
+            run = FeatureRun(settings, torch.device(name))
             with pairs_for(settings, name) as source:
                 losses.append(float(run.update(source).loss))
 

@@ -10,15 +10,15 @@ from small_trainings import CPU, draw_bands, weights_of
 from recon.networks import Architecture, FeatureNetwork, architecture
 from recon.training import scenes
 from recon.training.batches import pairs_for
+from recon.training.feature_run import FeatureRun
 from recon.training.pool import fill_pool
-from recon.training.run import Run
-from recon.training.settings import Training
+from recon.training.settings import FeatureTraining
 from recon.training.train import train
 from recon.training.validation import validate
 
 
 def test_the_rate_rises_first_and_ends_near_zero(settings):
-    run, rates = Run(settings, CPU), []
+    run, rates = FeatureRun(settings, CPU), []
     with pairs_for(replace(settings, source="pool"), "cpu") as source:
         for _ in range(settings.steps):
             run.update(source)
@@ -60,7 +60,7 @@ def test_without_augmentation_the_network_sees_the_pairs_as_they_are(settings):
 
     def seen(settings):
         with pairs_for(bare, "cpu") as source:
-            return Run(settings, CPU).update(source).pairs
+            return FeatureRun(settings, CPU).update(source).pairs
 
     plain = seen(bare)
     assert (plain.left * 255 - (plain.left * 255).round()).abs().max() < 1e-3
@@ -108,7 +108,7 @@ def test_two_hundred_steps_on_generated_scenes_lower_the_loss_by_a_fifth(tmp_pat
     monkeypatch.setattr("recon.training.pool.draw", scenes.draw)
     plain = Architecture(channels=(16, 16), depth=2, features=16)
     monkeypatch.setattr(architecture, "VARIANTS", {"plain": plain})
-    settings = Training(
+    settings = FeatureTraining(
         variant="plain",
         source="pool",
         out=tmp_path,
@@ -124,7 +124,7 @@ def test_two_hundred_steps_on_generated_scenes_lower_the_loss_by_a_fifth(tmp_pat
         size=(160, 96),
     )
     list(fill_pool(settings.pool, range(16), settings.size, workers=0))
-    run = Run(settings, CPU)
+    run = FeatureRun(settings, CPU)
 
     with pairs_for(settings, "cpu") as source:
         losses = [float(run.update(source).loss) for _ in range(200)]

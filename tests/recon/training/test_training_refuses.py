@@ -42,7 +42,7 @@ def test_a_checkpoint_with_a_part_missing_is_refused_by_name(settings):
     left_off_at(settings, 2)
     path = settings.out / "checkpoint.pt"
     state = torch.load(path)
-    del state["network"]["mix.bias"]
+    del state["network"]["network.mix.bias"]
     torch.save(state, path)
 
     with pytest.raises(ValueError, match=r"checkpoint\.pt is not a checkpoint .*mix\.bias"):

@@ -16,10 +16,10 @@ from recon.colours import MISSING_COLOUR
 from recon.networks import load_features
 from recon.training.batches import pairs_for
 from recon.training.card import commit
+from recon.training.feature_run import FeatureRun
 from recon.training.picture import GAP_PX, picture
 from recon.training.progress import Drawn, Lines, Saved, Scores, Step
 from recon.training.recipe import recipe_hash
-from recon.training.run import Run
 from recon.training.train import train
 
 ROOT = Path(__file__).parents[3]
@@ -61,7 +61,8 @@ class TestWriting:
 
         for words in (
             "# `small`",
-            "reconstruct train --variant small --source pool --pairs 5",
+            "reconstruct train --source pool --pairs 5",
+            "--variant small",
             recipe_hash(settings.recipe),
             commit(),
             f"torch {torch.__version__}",
@@ -72,11 +73,11 @@ class TestWriting:
             assert words in card
 
     def test_a_picture_shows_both_views_the_truth_and_the_winner(self, settings, pool):
-        run = Run(settings, CPU)
+        run = FeatureRun(settings, CPU)
         with pairs_for(replace(settings, source="pool"), "cpu") as source:
             batch = run.update(source).pairs
 
-        drawn = picture(run.network.fused(), batch)
+        drawn = picture(run.ready(), batch)
 
         left, right, truth, winner = (
             drawn[top : top + 32] for top in range(0, 4 * (32 + GAP_PX), 32 + GAP_PX)

@@ -1,0 +1,308 @@
+"""A network that chooses disparities with the context that single pixels lack."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import NamedTuple
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor, nn
+
+__all__ = ["BLOCK", "Estimate", "Regulariser", "RegulariserShape"]
+
+BLOCK = 4
+"""Pixels and candidates that share a cell of the volume in which the network looks around."""
+HALVINGS = 3
+SPATIAL_MULTIPLE = BLOCK << HALVINGS
+CANDIDATE_MULTIPLE = BLOCK << (HALVINGS - 1)
+NEIGHBOURS = 9
+PEAK_RADIUS = 3
+OFFSETS = (-3.0, -2.0, -1.0, -0.5, 0.0, 0.5, 1.0, 2.0, 3.0)
+MISSING = 3.0
+"""Cost of a candidate that does not exist, above all that do."""
+STEEPEST_PX = 3.0
+LARGEST_CORRECTION_PX = 2.0
+FIRST_SHARPNESS = 12.0
+MEAN_LIGHT, LIGHT_SPREAD = 0.45, 0.25
+"""Of every image: those of the image itself would differ from strip to strip."""
+
+
+@dataclass(frozen=True)
+class RegulariserShape:
+    """The shape of a regulariser.
+
+    Attributes:
+        cells: channels of the volume at a quarter, an eighth, a 16th and a 32nd of the size.
+        context: channels of what is seen of the guide at full, half, quarter, ... 32nd size.
+        fine: channels of the correction at full size.
+    """
+
+    cells: tuple[int, ...] = (16, 32, 48, 64)
+    context: tuple[int, ...] = (16, 24, 32, 48, 64, 64)
+    fine: int = 32
+
+
+class Estimate(NamedTuple):
+    """What the network makes of N volumes."""
+
+    disparity: Tensor
+    """(N, H, W), in candidates from the first."""
+    log_scale: Tensor
+    """(N, H, W), logarithm of the mean absolute error to expect, the scale of a Laplace law."""
+    occlusion: Tensor
+    """(N, H, W), logit of the chance that the other view does not see the pixel."""
+    enlarged: Tensor
+    """(N, H, W), the disparity before the correction at full size."""
+    logits: Tensor
+    """(N, H / 4, W / 4, D), of the candidates of blocks of 4 x 4 pixels, padded."""
+
+
+def _layer2(incoming: int, outgoing: int, stride: int = 1, spacing: int = 1) -> nn.Sequential:
+    return nn.Sequential(
+        nn.Conv2d(
+            incoming, outgoing, 3, stride=stride, padding=spacing, dilation=spacing, bias=False
+        ),
+        nn.BatchNorm2d(outgoing),
+        nn.ReLU(inplace=True),
+    )
+
+
+def _layer3(incoming: int, outgoing: int, stride: int | tuple[int, int, int] = 1) -> nn.Sequential:
+    return nn.Sequential(
+        nn.Conv3d(incoming, outgoing, 3, stride=stride, padding=1, bias=False),
+        nn.BatchNorm3d(outgoing),
+        nn.ReLU(inplace=True),
+    )
+
+
+class _Context(nn.Module):
+    """What is seen of the guide, at every size."""
+
+    def __init__(self, channels: tuple[int, ...]) -> None:
+        super().__init__()
+        self.first = _layer2(3, channels[0])
+        self.levels = nn.ModuleList(
+            nn.Sequential(_layer2(before, after, stride=2), _layer2(after, after))
+            for before, after in pairwise(channels)
+        )
+
+    def forward(self, guide: Tensor) -> list[Tensor]:
+        seen = [self.first((guide - MEAN_LIGHT) / LIGHT_SPREAD)]
+        for level in self.levels:
+            seen.append(level(seen[-1]))
+        return seen
+
+
+class _Gate(nn.Module):
+    """Let the guide say which channels of the volume matter at a pixel.
+
+    Source: Bangunharcana et al., Correlate-and-Excite: Real-Time Stereo Matching via Guided Cost
+    Volume Excitation, IROS 2021.
+    """
+
+    def __init__(self, context: int, cells: int) -> None:
+        super().__init__()
+        self.weights = nn.Conv2d(context, cells, 1)
+
+    def forward(self, volume: Tensor, seen: Tensor) -> Tensor:
+        gated: Tensor = volume * torch.sigmoid(self.weights(seen))[..., None]
+        return gated
+
+
+class _Hourglass(nn.Module):
+    """Convolutions over rows, columns and candidates, ever coarser and back."""
+
+    def __init__(self, shape: RegulariserShape) -> None:
+        super().__init__()
+        cells, context = shape.cells, shape.context[2:]
+        steps = ((2, 2, 2),) * (HALVINGS - 1) + ((2, 2, 1),)
+        self.steps = steps
+        self.first = _layer3(cells[0], cells[0])
+        self.down = nn.ModuleList(
+            nn.Sequential(_layer3(before, after, stride=step), _layer3(after, after))
+            for before, after, step in zip(cells[:-1], cells[1:], steps, strict=True)
+        )
+        self.gates = nn.ModuleList(
+            _Gate(seen, channels) for seen, channels in zip(context, cells, strict=True)
+        )
+        self.narrow = nn.ModuleList(
+            nn.Conv3d(after, before, 1) for before, after in pairwise(cells)
+        )
+        self.up = nn.ModuleList(_layer3(channels, channels) for channels in cells[:-1])
+        self.last = nn.Conv3d(cells[0], BLOCK, 3, padding=1)
+
+    def forward(self, volume: Tensor, context: list[Tensor]) -> Tensor:
+        current = self.gates[0](self.first(volume), context[0])
+        kept = [current]
+        for down, gate, seen in zip(self.down, self.gates[1:], context[1:], strict=True):
+            current = gate(down(current), seen)
+            kept.append(current)
+        for level in reversed(range(HALVINGS)):
+            narrow = self.narrow[level](current)
+            for axis, step in zip((2, 3, 4), self.steps[level], strict=True):
+                if step == 2:
+                    narrow = narrow.repeat_interleave(2, axis)
+            current = self.up[level](kept[level] + narrow)
+        logits: Tensor = self.last(current)
+        return logits
+
+
+class Regulariser(nn.Module):
+    """From the costs of all candidates of one view to its disparity.
+
+    It never sees colours of two views, but how alike their pixels are: the same thing in every
+    photograph. Costs of blocks of 4 x 4 pixels and 4 candidates are weighed together; an
+    hourglass looks around among the blocks; for each pixel the guide and its own costs choose
+    among the blocks around it; and a last correction looks at its costs near the result.
+    """
+
+    def __init__(self, shape: RegulariserShape = RegulariserShape()) -> None:
+        super().__init__()
+        self.shape = shape
+        self.sharpness = nn.Parameter(torch.tensor(FIRST_SHARPNESS).log())
+        self.likeness = nn.Linear(BLOCK**3, shape.cells[0])
+        self.chance = nn.Linear(BLOCK**3, shape.cells[0], bias=False)
+        self.context = _Context(shape.context)
+        self.hourglass = _Hourglass(shape)
+        self.block_weights = nn.Conv2d(
+            shape.context[2] + NEIGHBOURS, NEIGHBOURS * BLOCK**2, 3, padding=1
+        )
+        self.pixel_weights = nn.Sequential(
+            _layer2(shape.context[0] + 2 * NEIGHBOURS, shape.fine),
+            nn.Conv2d(shape.fine, NEIGHBOURS, 1),
+        )
+        fine = shape.fine
+        self.correction = nn.Sequential(
+            _layer2(shape.context[0] + len(OFFSETS) + 2 + 4, fine),
+            _layer2(fine, fine, spacing=2),
+            _layer2(fine, fine, spacing=4),
+            nn.Conv2d(fine, 3, 3, padding=1),
+        )
+        for start in self.correction[-1].parameters():  # at first nothing is corrected
+            nn.init.zeros_(start)
+
+    def laid_out(self) -> Regulariser:
+        """Return this network with its weights in the order in which it is fastest."""
+        for module in self.modules():
+            if isinstance(module, nn.Conv2d):
+                module.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
+            if isinstance(module, nn.Conv3d):
+                module.to(memory_format=torch.channels_last_3d)  # type: ignore[call-overload]
+        return self
+
+    def forward(self, cost: Tensor, guide: Tensor) -> Estimate:
+        """Estimate disparities.
+
+        Args:
+            cost: (N, H, W, D) float32 in [0, 2], +inf where there is no candidate.
+            guide: (N, 3, H, W) in [0, 1], the view whose costs they are.
+        """
+        height, width, count = cost.shape[1:]
+        down, across, deep = (
+            -height % SPATIAL_MULTIPLE,
+            -width % SPATIAL_MULTIPLE,
+            -count % CANDIDATE_MULTIPLE,
+        )
+        cost = F.pad(cost, (0, deep, 0, across, 0, down), value=float("inf")).clamp_max(MISSING)
+        guide = F.pad(guide, (0, across, 0, down), mode="replicate")
+        likeness = torch.where(cost < MISSING, 1 - cost, 0.0)
+        seen = self.context(guide)
+        logits = self._logits(cost, likeness, seen[2:])
+        peak, height_of_peak = _peak(logits)
+        enlarged = self._enlarged(peak, height_of_peak, likeness, seen)
+        disparity, log_scale, occlusion = self._corrected(enlarged, likeness, seen[0])
+        kept = slice(None), slice(height), slice(width)
+        return Estimate(disparity[kept], log_scale[kept], occlusion[kept], enlarged[kept], logits)
+
+    def _logits(self, cost: Tensor, likeness: Tensor, seen: list[Tensor]) -> Tensor:
+        chance = torch.softmax(-self.sharpness.exp() * cost, -1)
+        seen_alike = self.likeness(_blocks(likeness)) + self.chance(_blocks(chance))
+        volume = F.relu(seen_alike).permute(0, 4, 1, 2, 3)  # (N, C, h, w, D / 4)
+        logits: Tensor = self.hourglass(volume, seen)
+        return logits.float().permute(0, 2, 3, 4, 1).flatten(3)
+
+    def _enlarged(
+        self, peak: Tensor, chance: Tensor, likeness: Tensor, seen: list[Tensor]
+    ) -> Tensor:
+        size = likeness.shape[1:3]
+        around = _neighbours(peak)  # (N, 9, h, w)
+        relative = (around - peak[:, None]).clamp(-8, 8) / 8
+        coarse = self.block_weights(torch.cat((seen[2], relative), 1))
+        coarse = F.pixel_shuffle(coarse, BLOCK).float()  # (N, 9, H, W)
+        hypotheses = F.interpolate(around, size, mode="nearest")
+        sampled = _sample(likeness, hypotheses)
+        sure = F.interpolate(_neighbours(chance), size, mode="nearest")
+        fine = self.pixel_weights(torch.cat((seen[0], sampled, sure), 1)).float()
+        return (torch.softmax(coarse + fine, 1) * hypotheses).sum(1)
+
+    def _corrected(
+        self, enlarged: Tensor, likeness: Tensor, seen: Tensor
+    ) -> tuple[Tensor, Tensor, Tensor]:
+        start = enlarged.detach()
+        offsets = start.new_tensor(OFFSETS)[:, None, None]
+        sampled = _sample(likeness, start[:, None] + offsets)
+        phase = 2 * torch.pi * start[:, None]
+        padded = F.pad(start[:, None], (1, 1, 1, 1), mode="replicate")
+        steps = (
+            torch.cat(
+                (
+                    padded[..., 1:-1, 2:],
+                    padded[..., 1:-1, :-2],
+                    padded[..., 2:, 1:-1],
+                    padded[..., :-2, 1:-1],
+                ),
+                1,
+            )
+            - start[:, None]
+        )
+        steps = steps.clamp(-STEEPEST_PX, STEEPEST_PX)
+        looked = torch.cat((seen, sampled, phase.sin(), phase.cos(), steps), 1)
+        raw = self.correction(looked).float()
+        change = LARGEST_CORRECTION_PX * torch.tanh(raw[:, 0])
+        return enlarged + change, raw[:, 1].clamp(-5, 5), raw[:, 2]
+
+
+def _blocks(volume: Tensor) -> Tensor:
+    """Return (N, h, w, D / 4, 64): what is in each block of 4 x 4 pixels and 4 candidates."""
+    count, height, width, depth = volume.shape
+    parts = volume.reshape(
+        count, height // BLOCK, BLOCK, width // BLOCK, BLOCK, depth // BLOCK, BLOCK
+    )
+    return parts.permute(0, 1, 3, 5, 2, 4, 6).flatten(4)
+
+
+def _peak(logits: Tensor) -> tuple[Tensor, Tensor]:
+    """Return the mean candidate near the best, and how likely those near it are, (N, h, w)."""
+    best = logits.argmax(-1, keepdim=True)
+    near = best + torch.arange(-PEAK_RADIUS, PEAK_RADIUS + 1, device=logits.device)
+    inside = (near >= 0) & (near < logits.shape[-1])
+    values = logits.gather(-1, near.clamp(0, logits.shape[-1] - 1))
+    values = values.masked_fill(~inside, float("-inf"))
+    mean = (torch.softmax(values, -1) * near).sum(-1)
+    chance = torch.exp(torch.logsumexp(values, -1) - torch.logsumexp(logits, -1))
+    return mean, chance
+
+
+def _neighbours(values: Tensor) -> Tensor:
+    """Return (N, 9, h, w): the values of the 3 x 3 blocks around each."""
+    padded = F.pad(values[:, None], (1, 1, 1, 1), mode="replicate")[:, 0]
+    rows, columns = values.shape[1:]
+    return torch.stack(
+        [padded[:, y : y + rows, x : x + columns] for y in range(3) for x in range(3)], 1
+    )
+
+
+def _sample(likeness: Tensor, candidates: Tensor) -> Tensor:
+    """Read (N, H, W, D) at fractional candidates (N, K, H, W); 0 outside."""
+    place = candidates.detach().permute(0, 2, 3, 1)
+    low = place.floor()
+    share = place - low
+    last = likeness.shape[-1] - 1
+    parts = []
+    for index in (low, low + 1):
+        inside = (index >= 0) & (index <= last)
+        found = likeness.gather(-1, index.clamp(0, last).long())
+        parts.append(torch.where(inside, found, 0.0))
+    return torch.lerp(parts[0], parts[1], share).permute(0, 3, 1, 2)

@@ -1,0 +1,68 @@
+"""The disparity that a network finds, which looks around among the costs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import torch
+from torch import Tensor
+
+from recon.networks import Regulariser, load_regulariser
+from recon.types import CostVolume, DisparityMap, PixelStatus
+
+__all__ = ["LearnedOptimisation"]
+
+CONTEXT_PX = 64
+RIGHT_PX = 1.0
+
+
+@lru_cache(maxsize=4)
+def _network(weights: str, device: torch.device) -> Regulariser:
+    """Load a network once for every device."""
+    return load_regulariser(weights, device)
+
+
+@dataclass(frozen=True)
+class LearnedOptimisation:
+    """What `recon.networks.Regulariser` makes of the costs.
+
+    The network takes the place of aggregation and of semi-global paths, as those of Kendall et al.,
+    End-to-End Learning of Geometry and Context for Deep Stereo Regression, ICCV 2017; but it sees
+    the costs of our matching cost instead of features of its own. It finds a disparity for every
+    pixel, seen by the other view or not.
+
+    Attributes:
+        weights: the name of weights that ship, or the path of a file. They belong to the matching
+            cost on which they were trained.
+    """
+
+    weights: str = "regulariser"
+
+    @property
+    def margin_px(self) -> int:
+        """Rows beyond which the network sees little that matters to a pixel."""
+        return CONTEXT_PX
+
+    @torch.inference_mode()
+    def __call__(self, volume: CostVolume, *, guide: Tensor) -> DisparityMap[Tensor]:
+        """Find the disparities of a view; those of the right view in the mirrored pair.
+
+        Confidence is the chance of an error of at most 1 px under the Laplace law that the network
+        states, 1 - exp(-1 / b).
+        """
+        network = _network(self.weights, guide.device)
+        cost = volume.cost.flip(1) if volume.of_right else volume.cost
+        view = guide.flip(1) if volume.of_right else guide
+        estimate = network(cost[None], view.permute(2, 0, 1)[None])
+        last = len(volume.disparities) - 1
+        values = estimate.disparity[0].clamp(0, last) + volume.disparities[0]
+        confidence = 1 - torch.exp(-RIGHT_PX * torch.exp(-estimate.log_scale[0]))
+        found = cost.isfinite().any(-1)
+        if volume.of_right:
+            values, confidence, found = (each.flip(1) for each in (values, confidence, found))
+        return DisparityMap(
+            torch.where(found, values, float("nan")),
+            torch.where(found, int(PixelStatus.MATCHED), int(PixelStatus.OUTSIDE)).to(torch.uint8),
+            torch.where(found, confidence, 0.0),
+        )

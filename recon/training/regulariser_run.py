@@ -1,0 +1,129 @@
+"""The training of the regulariser."""
+
+from __future__ import annotations
+
+import math
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from recon.kernels.shifts import cosine_distances
+from recon.networks import FeatureNetwork, load_features, save_regulariser
+from recon.networks.regulariser import Estimate, Regulariser, RegulariserShape
+from recon.training.augmentation import Augmentation
+from recon.training.batches import whole
+from recon.training.misalignment import Pairs
+from recon.training.picture import maps_below_views
+from recon.training.pool import read_pair
+from recon.training.progress import Scores
+from recon.training.regulariser_loss import regulariser_loss
+from recon.training.run import Run, Update
+from recon.training.settings import RegulariserTraining
+from recon.types import Array
+
+__all__ = ["RegulariserRun"]
+
+STEP_CANDIDATES = 16
+"""Ranges are multiples of this: the network would only pad them."""
+BEYOND_PX = 3
+
+
+class RegulariserRun(Run[RegulariserTraining]):
+    """A training of the regulariser on the costs of a network that stays as it is, see `Run`."""
+
+    trained: Regulariser
+    purpose = "regulariser"
+    longest_gradient = 1.0
+
+    def __init__(self, settings: RegulariserTraining, device: torch.device) -> None:
+        weights, share = settings.cost_weights, settings.direct_share
+        self.features = load_features(weights, device, direct_share=share)
+        super().__init__(settings, device)
+
+    def begin(self) -> nn.Module:
+        """See `Run`."""
+        return Regulariser(RegulariserShape()).laid_out()
+
+    def look(self, pairs: Pairs) -> Update:
+        """See `Run`."""
+        count = self._candidates(pairs.disparity)
+        cost = _costs(self.features, pairs.left, pairs.right, count)
+        with torch.autocast(self.device.type, torch.bfloat16):
+            estimate = self.trained(cost, pairs.left)
+        loss = regulariser_loss(estimate, pairs)
+        return Update(pairs, loss, partial(_within_one_pixel, estimate.disparity.detach(), pairs))
+
+    def _candidates(self, disparity: Tensor) -> int:
+        """Return how many disparities are searched: at times many more than there are."""
+        settings = self.settings
+        spare = 1 + settings.spare_range * float(torch.rand((), generator=self.generator))
+        needed = spare * float(disparity.max()) + BEYOND_PX
+        most = min(settings.most_candidates, needed)
+        return STEP_CANDIDATES * math.ceil(most / STEP_CANDIDATES)
+
+    def ready(self) -> Regulariser:
+        """See `Run`."""
+        return self.trained.eval()
+
+    @torch.inference_mode()
+    def scores(self) -> Scores:
+        """See `Run`."""
+        plain: list[float] = []
+        augmented: list[float] = []
+        for seed in self.settings.validation_seeds:
+            pairs = whole(read_pair(self.settings.pool, seed), torch.device("cpu"))
+            generator = torch.Generator().manual_seed(seed)
+            left, right = Augmentation()(pairs.left, pairs.right, generator)
+            for seen, shares in (
+                (pairs, plain),
+                (pairs._replace(left=left, right=right), augmented),
+            ):
+                on_device = Pairs(*(part.to(self.device) for part in seen))
+                found = self._estimate(on_device).disparity
+                shares.append(_within_one_pixel(found, on_device))
+        return Scores(self.step, float(np.mean(plain)), float(np.mean(augmented)))
+
+    def _estimate(self, pairs: Pairs) -> Estimate:
+        """Return what the network says of pairs whose range is known."""
+        count = int(pairs.disparity.max()) + BEYOND_PX
+        cost = _costs(self.features, pairs.left, pairs.right, count)
+        estimate: Estimate = self.ready()(cost, pairs.left)
+        return estimate
+
+    @torch.inference_mode()
+    def picture(self, pairs: Pairs) -> Array:
+        """See `Run`."""
+        first = Pairs(*(part[:1] for part in pairs))
+        return maps_below_views(first, self._estimate(first).disparity[0])
+
+    def write(self, path: Path, *, about: dict[str, str]) -> None:
+        """See `Run`."""
+        save_regulariser(path, self.ready(), about=about)
+
+    def shape(self) -> str:
+        """See `Run`."""
+        return str(self.trained.shape)
+
+    def shape_in_words(self) -> str:
+        """See `Run`."""
+        weights = sum(value.numel() for value in self.trained.parameters())
+        return f"`{self.shape()}`: {weights:,} weights"
+
+
+@torch.no_grad()
+def _costs(features: FeatureNetwork, left: Tensor, right: Tensor, count: int) -> Tensor:
+    """Return the matching costs (N, H, W, D) of the disparities 0 to D - 1."""
+    both = torch.cat((left, right)).contiguous(memory_format=torch.channels_last)
+    with torch.autocast(left.device.type, torch.bfloat16):
+        vectors = features(both)
+    rows = zip(*vectors.float().chunk(2), strict=True)
+    return torch.stack([cosine_distances(ours, theirs, range(count)) for ours, theirs in rows])
+
+
+def _within_one_pixel(found: Tensor, pairs: Pairs) -> float:
+    """Return the share of visible pixels that are within 1 px of the truth."""
+    close = (found - pairs.disparity).abs() <= 1
+    return float((close & pairs.visible).sum() / pairs.visible.sum().clamp_min(1))

@@ -1,0 +1,194 @@
+"""The network that looks around among the costs, its file, and the optimisation made of it."""
+
+import numpy as np
+import pytest
+import torch
+
+from recon.networks import Regulariser, RegulariserShape, load_regulariser, save_regulariser
+from recon.networks.regulariser import BLOCK, _blocks, _peak, _sample
+from recon.optimisation import LearnedOptimisation
+from recon.training.misalignment import Pairs
+from recon.training.regulariser_loss import regulariser_loss
+from recon.types import CostVolume, PixelStatus
+
+SMALL = RegulariserShape(cells=(4, 6, 8, 8), context=(4, 6, 6, 8, 8, 8), fine=6)
+
+
+@pytest.fixture
+def network():
+    torch.manual_seed(3)
+    return Regulariser(SMALL).eval()
+
+
+@pytest.fixture
+def weights(network, tmp_path):
+    path = tmp_path / "small.safetensors"
+    save_regulariser(path, network, about={"commit": "none"})
+    return path
+
+
+def random_costs(height, width, count):
+    """Return costs of a left view, +inf where there is no partner."""
+    cost = torch.rand(height, width, count, generator=torch.Generator().manual_seed(7))
+    outside = torch.arange(width)[:, None] < torch.arange(count)
+    return cost.masked_fill(outside, torch.inf)
+
+
+def random_view(height, width):
+    return torch.rand(height, width, 3, generator=torch.Generator().manual_seed(8))
+
+
+@torch.inference_mode()
+def estimate(network, cost, view):
+    return network(cost[None], view.permute(2, 0, 1)[None])
+
+
+class TestNetwork:
+    @pytest.mark.parametrize("size", [(32, 64, 16), (33, 47, 5), (5, 40, 1), (64, 32, 50)])
+    def test_any_size_and_any_number_of_candidates_give_a_disparity_a_pixel(self, network, size):
+        height, width, _ = size
+
+        found = estimate(network, random_costs(*size), random_view(height, width))
+
+        for part in (found.disparity, found.log_scale, found.occlusion, found.enlarged):
+            assert part.shape == (1, height, width)
+            assert part.isfinite().all()
+
+    def test_pixels_without_any_candidate_do_no_harm(self, network):
+        cost = random_costs(32, 64, 16)
+        cost[:, :20] = torch.inf
+
+        found = estimate(network, cost, random_view(32, 64))
+
+        assert found.disparity.isfinite().all()
+
+    def test_a_block_holds_the_costs_of_its_pixels_and_candidates(self):
+        volume = torch.arange(8 * 8 * 8.0).reshape(1, 8, 8, 8)
+
+        blocks = _blocks(volume)
+
+        assert blocks.shape == (1, 2, 2, 2, BLOCK**3)
+        assert blocks[0, 1, 0, 1].tolist() == volume[0, 4:, :4, 4:].flatten().tolist()
+
+    def test_the_peak_is_the_mean_near_the_best_and_ignores_a_second_one_far_off(self):
+        logits = torch.full((1, 1, 1, 40), -20.0)
+        logits[..., 10], logits[..., 11] = 5.0, 5.0
+        logits[..., 30] = 4.9
+
+        place, chance = _peak(logits)
+
+        assert place.item() == pytest.approx(10.5, abs=1e-3)
+        assert chance.item() == pytest.approx(2 / (2 + np.exp(-0.1)), abs=1e-3)
+
+    def test_costs_are_read_between_candidates_and_are_nothing_outside(self):
+        likeness = torch.tensor([1.0, 3.0, 7.0]).expand(1, 1, 1, 3)
+        wanted = torch.tensor([0.5, 1.25, 2.0, 2.5, -2.0]).reshape(1, 5, 1, 1)
+
+        assert _sample(likeness, wanted).flatten().tolist() == [2.0, 4.0, 7.0, 3.5, 0.0]
+
+    def test_it_learns_where_the_cost_is_lowest(self):
+        torch.manual_seed(0)
+        network = Regulariser(SMALL)
+        optimiser = torch.optim.Adam(network.parameters(), 1e-2)
+        disparity = torch.full((1, 64, 64), 3.0)
+        disparity[:, :, 32:] = 9.0
+        cost = (0.1 * (torch.arange(16) - disparity[..., None]).abs()).clamp_max(0.8)
+        guide = torch.zeros(1, 3, 64, 64)
+        guide[..., 32:] = 1.0
+        pairs = Pairs(guide, guide, disparity, torch.ones_like(disparity, dtype=torch.bool))
+
+        losses = []
+        for _ in range(60):
+            loss = regulariser_loss(network(cost, guide), pairs)
+            optimiser.zero_grad()
+            loss.backward()
+            optimiser.step()
+            losses.append(loss.item())
+
+        found = network(cost, guide).disparity
+        assert losses[-1] < 0.3 * losses[0]
+        assert (found - disparity).abs().median() < 0.5
+
+
+class TestLoss:
+    def test_hidden_pixels_count_less(self, network):
+        truth = torch.full((1, 32, 64), 4.0)
+        truth[..., 32:] = 40.0  # beyond the candidates: nothing but the errors counts there
+        everything = torch.ones_like(truth, dtype=torch.bool)
+        with torch.no_grad():
+            found = network(random_costs(32, 64, 16)[None], torch.zeros(1, 3, 32, 64))
+        wrong = found._replace(disparity=torch.full_like(truth, 4.0), enlarged=truth)
+        view = torch.zeros(1, 3, 32, 64)
+
+        def error(visible):
+            pairs = Pairs(view, view, truth, visible)
+            right = regulariser_loss(wrong._replace(disparity=truth), pairs)
+            return (regulariser_loss(wrong, pairs) - right).item()
+
+        hidden = everything.clone()
+        hidden[..., 32:] = False
+        assert 0 < error(hidden) < 0.6 * error(everything)
+
+
+class TestWeights:
+    def test_what_is_saved_is_loaded_again(self, network, weights):
+        loaded = load_regulariser(str(weights))
+
+        cost, view = random_costs(32, 64, 16), random_view(32, 64)
+        ours, theirs = (estimate(one, cost, view).disparity for one in (network, loaded))
+        torch.testing.assert_close(ours, theirs)
+        assert loaded.shape == SMALL
+
+    def test_weights_of_a_feature_network_are_refused_by_name(self):
+        with pytest.raises(ValueError, match=r"fast\.safetensors does not hold .* a regulariser"):
+            load_regulariser("fast")
+
+    def test_a_damaged_file_is_refused_by_name(self, weights):
+        weights.write_bytes(weights.read_bytes()[:2000])
+
+        with pytest.raises(ValueError, match=r"small\.safetensors does not hold .* a regulariser"):
+            load_regulariser(str(weights))
+
+
+class TestOptimisation:
+    def test_the_right_view_is_the_left_view_of_the_mirrored_pair(self, weights):
+        optimisation = LearnedOptimisation(str(weights))
+        cost, view = random_costs(32, 64, 16), random_view(32, 64)
+        of_left = optimisation(CostVolume(cost, range(16)), guide=view)
+
+        mirrored = CostVolume(cost.flip(1), range(16), of_right=True)
+        of_right = optimisation(mirrored, guide=view.flip(1))
+
+        torch.testing.assert_close(of_right.values, of_left.values.flip(1))
+        torch.testing.assert_close(of_right.confidence, of_left.confidence.flip(1))
+
+    def test_a_volume_of_the_right_view_says_so(self):
+        volume = CostVolume(random_costs(4, 20, 6), range(6))
+
+        assert not volume.of_right
+        assert volume.seen_from_right().of_right
+
+    def test_disparities_count_from_the_first_candidate_and_stay_among_them(self, weights):
+        optimisation = LearnedOptimisation(str(weights))
+        cost, view = random_costs(32, 64, 16), random_view(32, 64)
+
+        here = optimisation(CostVolume(cost, range(16)), guide=view)
+        there = optimisation(CostVolume(cost, range(-5, 11)), guide=view)
+
+        torch.testing.assert_close(here.values - 5, there.values)
+        assert here.values.min() >= 0
+        assert here.values.max() <= 15
+
+    def test_only_pixels_without_any_candidate_are_outside(self, weights):
+        cost = random_costs(32, 64, 16)
+        cost[:, :20] = torch.inf
+
+        found = LearnedOptimisation(str(weights))(
+            CostVolume(cost, range(16)), guide=random_view(32, 64)
+        )
+
+        outside = found.status == int(PixelStatus.OUTSIDE)
+        assert outside[:, :20].all()
+        assert not outside[:, 20:].any()
+        assert found.confidence.min() >= 0
+        assert found.confidence.max() <= 1
