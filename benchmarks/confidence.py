@@ -11,8 +11,9 @@ import argparse
 from dataclasses import fields
 
 from recon.confidence import Confidence
+from recon.evaluation.metrics import reliability_curve
 from recon.settings import load_preset
-from recon.training.confidence import fitted, match_generated, probabilities, reliability
+from recon.training.confidence import fitted, match_generated
 
 FIRST_SEED = 10_000_000
 
@@ -38,12 +39,14 @@ def main() -> None:
     print(section(confidence))
 
     kept = match_generated(matcher, range(seeds.stop, seeds.stop + options.kept))
-    said = probabilities(confidence, kept)
+    said = confidence.probability(kept.evidence, kept.status).numpy()
+    curve = reliability_curve(kept.right.numpy(), said, kept.status.numpy() > 0)
     print("\nshare of pixels, probability said, share within 1 px")
     gap = 0.0
-    for share, chance, truth in reliability(said, kept.right):
-        print(f"{share:6.3f} {chance:6.3f} {truth:6.3f}")
-        gap += share * abs(chance - truth)
+    for pixels, chances, right in zip(*curve.values(), strict=True):
+        share, count = pixels / sum(curve["pixels"]), max(pixels, 1)
+        print(f"{share:6.3f} {chances / count:6.3f} {right / count:6.3f}")
+        gap += share * abs(chances - right) / count
     print(f"mean gap {gap:.3f}")
 
 

@@ -19,7 +19,10 @@ __all__ = ["EVIDENCE", "Confidence", "evidence", "peak_margin"]
 SMALLEST_COST = 1e-6
 """Costs below this are equal to zero but for rounding."""
 
-EVIDENCE = ("always", "margin", "partner", "difference", "agreement", "matched", "texture")
+EVIDENCE = (
+    *("always", "margin", "partner", "difference", "agreement", "matched", "texture"),
+    "certainty",
+)
 """What speaks for a disparity or against it, see `evidence`."""
 
 LARGEST_DIFFERENCE_PX = 3.0
@@ -71,10 +74,12 @@ def evidence(
         guide: (H, W, 3) in [0, 1].
 
     Returns:
-        (H, W, 7) float32, in the order of `EVIDENCE`: 1; log of the peak margin; log of that of the
-        partner in the right view; how far the partner's disparity differs, at most 3 px, 3 without
-        one; share of 24 pixels around that are within 1 px of this disparity; share of these that
-        are matched; log of how much luminance varies around.
+        (H, W, 8) float32, in the order of `EVIDENCE`: 1; log of the peak margin, or of the
+        probability that the optimisation stated; log of that of the partner in the right view; how
+        far the partner's disparity differs, at most 3 px, 3 without one; share of 24 pixels around
+        that are within 1 px of this disparity; share of these that are matched; log of how much
+        luminance varies around; and minus the log of what the margin lacks to 1, for
+        probabilities near 1 differ in that alone.
     """
     values = torch.nan_to_num(disparity.values)
     columns = torch.arange(values.shape[1], device=values.device) - values
@@ -113,6 +118,7 @@ def evidence(
             agreement / len(AROUND),
             measured / len(AROUND),
             (texture + FAINT).log(),
+            -(1 - of_left.confidence + LEAST_MARGIN).log(),
         ),
         -1,
     )
@@ -157,12 +163,25 @@ class Confidence:
     ) -> DisparityMap[Tensor]:
         """Return the same disparities with their probabilities; see `evidence`."""
         found = evidence(disparity, of_left, of_right, guide)
-        confidence = torch.zeros_like(disparity.confidence)
-        for status, weights in (
+        confidence = self.probability(found, disparity.status)
+        return DisparityMap(disparity.values, disparity.status, confidence)
+
+    def probability(self, found: Tensor, status: Tensor) -> Tensor:
+        """Return how likely disparities are right.
+
+        Args:
+            found: (..., K), see `evidence`.
+            status: (...), a `PixelStatus`.
+
+        Returns:
+            (...) in [0, 1]; 0 where there is no disparity.
+        """
+        result = torch.zeros(status.shape, device=status.device)
+        for state, weights in (
             (PixelStatus.MATCHED, self.matched),
             (PixelStatus.FILLED_OCCLUSION, self.filled_occlusion),
             (PixelStatus.FILLED_MISMATCH, self.filled_mismatch),
         ):
             probability = torch.sigmoid(found @ found.new_tensor(weights))
-            confidence = torch.where(disparity.status == int(status), probability, confidence)
-        return DisparityMap(disparity.values, disparity.status, confidence)
+            result = torch.where(status == int(state), probability, result)
+        return result

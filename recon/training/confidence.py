@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, fields, replace
 
 import torch
@@ -16,7 +15,7 @@ from recon.training.augmentation import Augmentation
 from recon.training.pool import draw_pair
 from recon.types import PixelStatus
 
-__all__ = ["Cases", "fitted", "match_generated", "probabilities", "reliability"]
+__all__ = ["Cases", "fitted", "match_generated"]
 
 SIZE = (416, 256)
 RIGHT_PX = 1.0
@@ -24,7 +23,6 @@ EVERY = 3
 """Neighbours say the same: so many pixels on each axis give one case."""
 ROUNDS = 30
 RIDGE = 1e-3
-BINS = 10
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,31 +105,3 @@ def _regression(spoken: Tensor, right: Tensor) -> Tensor:
         bend = (spoken * (chance * (1 - chance))[:, None]).T @ spoken + ridge
         weights = weights + torch.linalg.solve(bend, slope)
     return weights
-
-
-def probabilities(confidence: Confidence, cases: Cases) -> Tensor:
-    """Return (N,) what a fit says of cases; 0 where there is no disparity."""
-    result = torch.zeros(len(cases.right))
-    for entry in fields(Confidence):
-        mine = cases.status == int(PixelStatus[entry.name.upper()])
-        weights = torch.tensor(getattr(confidence, entry.name))
-        result[mine] = torch.sigmoid(cases.evidence[mine] @ weights)
-    return result
-
-
-def reliability(probability: Tensor, right: Tensor) -> Iterator[tuple[float, float, float]]:
-    """Give the share of the cases, what was said and what came true in each tenth that is used.
-
-    Args:
-        probability: (N,) in [0, 1].
-        right: (N,) bool.
-    """
-    place = (probability * BINS).long().clamp(max=BINS - 1)
-    for step in range(BINS):
-        mine = place == step
-        if mine.any():
-            yield (
-                float(mine.float().mean()),
-                float(probability[mine].mean()),
-                float(right[mine].float().mean()),
-            )
