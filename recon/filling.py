@@ -27,19 +27,25 @@ class Filling:
 
     Attributes:
         confidence: of filled pixels, as a share of the median of the matched ones.
+        keep_choice: give rejected pixels back what the optimisation chose for them. One that looks
+            around has seen the surface that goes on behind; one that does not has only guessed.
     """
 
     confidence: float = 0.1
+    keep_choice: bool = False
 
     def __post_init__(self) -> None:
         if not 0 <= self.confidence <= 1:
             raise ValueError(f"confidence must be in [0, 1], got {self.confidence}")
 
-    def __call__(self, disparity: DisparityMap[Tensor]) -> DisparityMap[Tensor]:
+    def __call__(
+        self, disparity: DisparityMap[Tensor], *, chosen: DisparityMap[Tensor] | None = None
+    ) -> DisparityMap[Tensor]:
         """Fill all holes.
 
         Args:
             disparity: (H, W).
+            chosen: (H, W), what the optimisation chose, before any check; needed for `keep_choice`.
 
         Returns:
             (H, W) with a disparity everywhere; `disparity` itself if no pixel is matched.
@@ -52,6 +58,8 @@ class Filling:
         around = from_directions(known, mismatched)
         interpolated = ~around.isnan()
         values = torch.where(interpolated, around, from_row(known))
+        if self.keep_choice and chosen is not None:
+            values = torch.where(chosen.valid, chosen.values, values)
         status = torch.where(
             interpolated, int(PixelStatus.FILLED_MISMATCH), int(PixelStatus.FILLED_OCCLUSION)
         ).to(disparity.status.dtype)
