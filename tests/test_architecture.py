@@ -25,7 +25,7 @@ ROWS = (
     ),
     ("recon.matcher", "recon.triangulation"),
     ("recon.meshing",),
-    ("recon.settings", "recon.disparity_range"),
+    ("recon.settings", "recon.disparity_range", "recon.choice"),
     ("recon.pipeline",),
     ("calib.formats", "recon.files"),
     ("calib",),  # the names that the package gives to others

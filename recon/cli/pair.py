@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -21,6 +22,7 @@ from recon.cli.terminal import (
 )
 
 if TYPE_CHECKING:
+    from calib.pair import RectifiedPair, StereoPair
     from recon.pairs import PairOnDisk, RangeRequest
     from recon.settings import Preset
     from recon.viewer import RerunObserver
@@ -42,6 +44,7 @@ def pair(  # noqa: PLR0913  every one is an option of the command
     raw: bool = False,
     min_disparity: int | None = None,
     max_disparity: int | None = None,
+    min_confidence: float | None = None,
     scale: float = 1.0,
     device: Device = "auto",
     recording: Recording = "save",
@@ -55,11 +58,14 @@ def pair(  # noqa: PLR0913  every one is an option of the command
         right: picture of the right camera; left out if the first shows both side by side.
         calib: calibration: Middlebury, KITTI, K.txt, OpenCV YAML or XML, or our JSON.
         out: folder for the results.
-        preset: name of a preset (see `reconstruct presets`) or path of a TOML file.
+        preset: name of a preset (see `reconstruct presets`), path of a TOML file, or auto: the
+            most accurate one that this machine can run within a minute.
         rectified: the rows of the pictures agree already.
         raw: the pictures are to be undistorted and rectified.
         min_disparity: smallest x_left - x_right to search, pixels of the given pictures.
         max_disparity: largest one; both are estimated where neither you nor the calibration says.
+        min_confidence: leave out of cloud and mesh what is less likely to be right than this, in
+            [0, 1]; that of the preset if not given.
         scale: resize the pair first; 0.5 is four times faster or more, and coarser.
         device: where to compute.
         recording: write a Rerun recording, show it in a browser or a window too, or neither.
@@ -75,7 +81,7 @@ def pair(  # noqa: PLR0913  every one is an option of the command
     _run(
         lambda: _read(left, right, calib, stated, scale),
         out,
-        preset_with(preset, settings, override),
+        _Wanted(preset, settings, (*override, *_at_least(min_confidence))),
         RangeRequest(min_disparity, max_disparity, scale),
         (device_named(device), recording),
     )
@@ -110,6 +116,43 @@ def demo(
     )
 
 
+@dataclass(frozen=True)
+class _Wanted:
+    """The preset that was asked for, and what is to be different in it.
+
+    Anything but auto is looked up at once, so that a mistake is said before anything is read.
+    """
+
+    name: str
+    settings: Path | None
+    overrides: tuple[str, ...]
+
+    def __post_init__(self) -> None:
+        from recon.choice import AUTO
+
+        if self.name != AUTO:
+            preset_with(self.name, self.settings, self.overrides)
+
+    def preset(
+        self, pair: StereoPair | RectifiedPair, disparities: range | None, device: str
+    ) -> Preset:
+        """Return the preset for a pair, and say which it is if nobody did."""
+        from recon.choice import AUTO, choose_preset
+
+        name = self.name
+        if name == AUTO:
+            height, width = pair.left.shape[:2]
+            choice = choose_preset((width, height), disparities, device=device)
+            console.print(f"preset {choice.reason}", soft_wrap=True)
+            name = choice.preset
+        return preset_with(name, self.settings, self.overrides)
+
+
+def _at_least(min_confidence: float | None) -> tuple[str, ...]:
+    """Return the override that --min-confidence stands for."""
+    return () if min_confidence is None else (f"triangulation.min_confidence={min_confidence}",)
+
+
 def _read(
     left: Path, right: Path | None, calib: Path, rectified: bool | None, scale: float
 ) -> PairOnDisk:
@@ -133,7 +176,7 @@ def _recorder(recording: Recording, folder: Path) -> contextlib.AbstractContextM
 def _run(
     read: Callable[[], PairOnDisk],
     out: Path,
-    preset: Preset,
+    wanted: _Wanted,
     limits: RangeRequest,
     where: tuple[str, Recording],
 ) -> None:
@@ -157,6 +200,7 @@ def _run(
         for note in source.notes:
             console.print(f"note: {note}", soft_wrap=True)
         disparities = limits.applied_to(source.disparities)
+        preset = wanted.preset(source.pair, disparities, device)
         watch("input/files", source.inputs)
         result = reconstruct(
             source.pair, preset, disparities=disparities, device=device, observe=watch

@@ -12,6 +12,7 @@ import pytest
 from rendered import on_disk, still_life
 
 import recon.cli.pair as cli_pair
+from recon import choice
 from recon.cli import main
 from recon.files import read_image, read_pfm, write_image
 from recon.output import OUTPUTS
@@ -276,6 +277,23 @@ class TestSuccess:
         settings = json.loads((out / "run.json").read_text())["settings"]
         assert settings["matching_cost"] == {"method": "sad", "radius_px": 2}
         assert settings["min_segment_px"] == 7
+
+    def test_what_is_unlikely_to_be_right_is_left_out_when_asked(self, folder, out):
+        main(words(folder, out, "--min-confidence", "0.6"))
+
+        report = json.loads((out / "run.json").read_text())
+        assert report["settings"]["triangulation"]["min_confidence"] == 0.6
+
+    def test_the_preset_that_fits_the_machine_is_chosen_and_said(
+        self, folder, out, capsys, monkeypatch
+    ):
+        monkeypatch.setattr(choice, "CORE_SECONDS", {"census": 1.0})
+
+        main(words(folder, out, "--preset", "auto"))
+
+        assert "preset census, about 1 s for " in capsys.readouterr().out
+        report = json.loads((out / "run.json").read_text())
+        assert report["settings"]["optimisation"]["method"] == "winner_takes_all"
 
     def test_negative_disparities_grey_and_sixteen_bits_are_taken(self, folder, out):
         scene = still_life().shifted(20, 0)
