@@ -18,13 +18,12 @@ from recon.matching_cost import MatchingCost
 from recon.observer import Observer, ignore
 from recon.optimisation import Optimisation, WinnerTakesAll
 from recon.refinement import Refinement
+from recon.strips import GRID_PX, Reach, Strip
 from recon.types import Array, CostVolume, DisparityMap
 
 __all__ = ["Matcher"]
 
 BYTES_OF_A_COST = 4
-GRID_ROWS = 16
-"""Strips start at multiples of this, so that networks which halve the image see one grid."""
 
 
 @dataclass(frozen=True)
@@ -137,47 +136,27 @@ class Matcher:
             del volume  # before the next strip takes as much again
         return _stacked(of_left), _stacked(of_right)
 
-    def _choice(self, volume: CostVolume, view: Tensor, strip: _Strip) -> DisparityMap[Tensor]:
+    def _choice(self, volume: CostVolume, view: Tensor, strip: Strip) -> DisparityMap[Tensor]:
         """Return the disparities of the rows of a strip in one view."""
         found = self.optimisation(volume, guide=view[strip.costs][strip.chosen])
         rows = strip.result
         return DisparityMap(found.values[rows], found.status[rows], found.confidence[rows])
 
-    def _strips(self, height: int, row_bytes: int) -> Iterator[_Strip]:
+    @property
+    def _reach(self) -> Reach:
+        """How far the stages look beyond a pixel."""
+        return Reach(
+            self.matching_cost.margin_px, self.aggregation.margin_px, self.optimisation.margin_px
+        )
+
+    def _strips(self, height: int, row_bytes: int) -> Iterator[Strip]:
         """Cut an image into strips whose volumes keep the limit."""
         rows = int(self.volume_limit_mb * 1e6 / row_bytes)
-        around = self.optimisation.margin_px
-        margin = self.aggregation.margin_px + around
-        step = height if rows >= height else max(GRID_ROWS, rows - 2 * margin)
+        reach = self._reach
+        margin = reach.aggregation + reach.optimisation
+        step = height if rows >= height else max(GRID_PX, rows - 2 * margin)
         for top in range(0, height, step):
-            bottom = min(top + step, height)
-            start, stop = max(0, top - margin), min(height, bottom + margin)
-            begin, end = max(0, top - around), min(height, bottom + around)
-            context = self.matching_cost.margin_px
-            first = max(0, start - context) // GRID_ROWS * GRID_ROWS
-            yield _Strip(
-                seen=slice(first, min(height, stop + context)),
-                costs=slice(start - first, stop - first),
-                chosen=slice(begin - start, end - start),
-                result=slice(top - begin, bottom - begin),
-            )
-
-
-@dataclass(frozen=True)
-class _Strip:
-    """Some rows of an image, and those around them on which their result depends.
-
-    Attributes:
-        seen: rows of the image that the matching cost sees.
-        costs: rows that have costs, counted from the first that is seen.
-        chosen: rows for which a candidate is chosen, counted from the first that has costs.
-        result: rows whose choice is kept, counted from the first of these.
-    """
-
-    seen: slice
-    costs: slice
-    chosen: slice
-    result: slice
+            yield Strip.around(slice(top, min(top + step, height)), height, reach)
 
 
 def _as_tensor(image: Image, device: str | torch.device) -> Tensor:

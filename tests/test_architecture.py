@@ -11,7 +11,7 @@ ROOT = Path(__file__).parent.parent
 
 ROWS = (
     ("recon.kernels", "recon.networks", "recon.observer", "calib.pose", "calib.camera"),
-    ("calib.rig", "recon.types"),
+    ("calib.rig", "recon.types", "recon.strips"),
     ("calib.pair", "recon.confidence"),
     (
         "calib.rectify",

@@ -13,11 +13,12 @@ from calib.pair import RectifiedPair
 from calib.rig import RectifiedGeometry
 from recon.aggregation import AGGREGATIONS, BilateralAggregation
 from recon.filling import Filling
-from recon.matcher import GRID_ROWS, Matcher
+from recon.matcher import Matcher
 from recon.matching_cost import Census, LearnedCost, SumOfAbsoluteDifferences
 from recon.networks import Architecture, FeatureNetwork, save_features
 from recon.optimisation import SemiGlobal
 from recon.refinement import DomainTransform, Median
+from recon.strips import GRID_PX
 from recon.types import CostVolume, DisparityMap, PixelStatus
 
 HEIGHT, WIDTH = 60, 100
@@ -182,7 +183,7 @@ class TestStrips:
         matcher(tall, range(8), observe=observe)
 
         assert sum(rows) == 150
-        assert max(rows) == GRID_ROWS
+        assert max(rows) == GRID_PX
 
 
 class TestObservers:
