@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 import torch
@@ -11,6 +12,7 @@ from torch import Tensor
 
 from calib.pair import Image, RectifiedPair
 from recon.aggregation import Aggregation
+from recon.coarse_to_fine import CoarseToFine, both_views_checked
 from recon.confidence import Confidence
 from recon.consistency import left_right_check, reject_small_segments
 from recon.filling import Filling
@@ -19,6 +21,7 @@ from recon.observer import Observer, ignore
 from recon.optimisation import Optimisation, WinnerTakesAll
 from recon.refinement import Refinement
 from recon.strips import GRID_PX, Reach, Strip
+from recon.tiles import of_left_view, of_right_view
 from recon.types import Array, CostVolume, DisparityMap
 
 __all__ = ["Matcher"]
@@ -45,6 +48,8 @@ class Matcher:
         volume_limit_mb: a volume that would take more MB is made strip by strip, from the top and
             at least 16 rows at a time; about four such volumes are in memory at once. The result
             is the same, but for semi-global paths: they begin 64 rows outside the strip.
+        coarse_to_fine: matches a smaller pair first and searches only around what that shows;
+            without one every pixel has every candidate.
     """
 
     matching_cost: MatchingCost
@@ -56,6 +61,7 @@ class Matcher:
     confidence: Confidence | None = None
     refinements: tuple[Refinement, ...] = ()
     volume_limit_mb: float = 768.0
+    coarse_to_fine: CoarseToFine | None = None
 
     def __post_init__(self) -> None:
         for name in ("left_right_tolerance_px", "min_segment_px"):
@@ -81,7 +87,7 @@ class Matcher:
             device: where to compute.
             observe: told every intermediate result, in order; tensors, on `device`. If the whole
                 volume would pass `volume_limit_mb`, volumes come strip by strip, those of the
-                matching cost with the rows that overlap.
+                matching cost with the rows that overlap; coarse to fine, they come tile by tile.
 
         Returns:
             (H, W) of the left view.
@@ -121,6 +127,47 @@ class Matcher:
         self, left: Tensor, right: Tensor, disparities: range, observe: Observer
     ) -> tuple[DisparityMap[Tensor], DisparityMap[Tensor]]:
         """Return what the costs say of either view, before any check."""
+        if self.coarse_to_fine is None or not self.coarse_to_fine.fits(left):
+            return self._strip_by_strip(left, right, disparities, observe)
+        return self._tile_by_tile(self.coarse_to_fine, (left, right), disparities, observe)
+
+    def _tile_by_tile(
+        self,
+        coarse_to_fine: CoarseToFine,
+        views: tuple[Tensor, Tensor],
+        disparities: range,
+        observe: Observer,
+    ) -> tuple[DisparityMap[Tensor], DisparityMap[Tensor]]:
+        """Return the same, every tile searched only around what a smaller pair shows there."""
+        left, right = (coarse_to_fine.shrunk(view) for view in views)
+        searched = coarse_to_fine.shrunk_range(disparities)
+        coarse_left, coarse_right = both_views_checked(
+            *self._strip_by_strip(left, right, searched, ignore),
+            searched,
+            min_segment_px=self.min_segment_px // coarse_to_fine.shrink**2,
+        )
+        observe("coarse/left", coarse_left)
+        observe("coarse/right", coarse_right)
+
+        overlap = min(self._reach.optimisation, coarse_to_fine.overlap_px)
+        reach = self._reach._replace(optimisation=overlap)
+        height, width, _ = views[0].shape
+        cut = partial(
+            coarse_to_fine.tiles,
+            searched=disparities,
+            size=(height, width),
+            reach=reach,
+            limit_mb=self.volume_limit_mb,
+        )
+        return (
+            of_left_view(self, views, cut(coarse_left, "left"), reach=reach, observe=observe),
+            of_right_view(self, views, cut(coarse_right, "right"), reach=reach, observe=observe),
+        )
+
+    def _strip_by_strip(
+        self, left: Tensor, right: Tensor, disparities: range, observe: Observer
+    ) -> tuple[DisparityMap[Tensor], DisparityMap[Tensor]]:
+        """Return the same, every pixel searched for all disparities."""
         of_left, of_right = [], []
         height, width, _ = left.shape
         for strip in self._strips(height, width * len(disparities) * BYTES_OF_A_COST):

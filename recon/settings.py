@@ -16,6 +16,7 @@ from typing import Any, get_type_hints
 from pydantic import TypeAdapter, ValidationError
 
 from recon.aggregation import AGGREGATIONS
+from recon.coarse_to_fine import CoarseToFine
 from recon.confidence import Confidence
 from recon.filling import Filling
 from recon.matcher import Matcher
@@ -50,8 +51,12 @@ STAGES: dict[str, Mapping[str, type]] = {
 }
 """Stages with a choice of methods; `refinements` is a list of them."""
 
-OPTIONS: dict[str, type] = {"filling": Filling, "confidence": Confidence}
-"""Stages of one method that can be left out by `false`."""
+OPTIONS: dict[str, type] = {
+    "filling": Filling,
+    "confidence": Confidence,
+    "coarse_to_fine": CoarseToFine,
+}
+"""Stages of one method that can be left out by `false`, and put in by `true`."""
 
 Table = dict[str, Any]
 

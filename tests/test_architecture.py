@@ -23,6 +23,8 @@ ROWS = (
         "recon.refinement",
         "recon.colours",
     ),
+    ("recon.coarse_to_fine",),
+    ("recon.tiles",),
     ("recon.matcher", "recon.triangulation"),
     ("recon.meshing",),
     ("recon.settings", "recon.disparity_range", "recon.choice"),
