@@ -31,8 +31,8 @@ from recon.types import Array, CostVolume, DisparityMap
 
 WIDTH, HEIGHT, CANDIDATES = 2900, 2000, 760
 FOCAL_SHARE, BASELINE_M = 0.8, 0.5
-NEAREST_PX, FARTHEST_PX = 4, 40
-"""Widths of the rods in an image of `WIDTH`."""
+THIN_ROD_PX, THICK_ROD_PX = 4, 40
+"""Widths in an image of `WIDTH`: one coarse pixel, and ten."""
 
 
 def drawn(scale: float) -> tuple[RectifiedPair, Array, Array]:
@@ -50,7 +50,7 @@ def drawn(scale: float) -> tuple[RectifiedPair, Array, Array]:
         *(
             rod((x, -3.0, 2.5), (x, 3.0, 2.5), pixels / WIDTH * 2.5 / FOCAL_SHARE / 2,
                 _coat(100 * fine, (80.0, x)))
-            for x, pixels in ((0.35, NEAREST_PX), (-0.6, FARTHEST_PX))
+            for x, pixels in ((0.35, THIN_ROD_PX), (-0.6, THICK_ROD_PX))
         ),
     ]  # fmt: skip
     table = noise_table(torch.Generator().manual_seed(3))
