@@ -18,7 +18,8 @@ class Filling:
     """Give every rejected pixel the disparity of a surface beside it.
 
     What one view cannot see lies behind what hides it: occluded pixels, and those outside, take
-    the smaller of the disparities to their left and right. Mismatched pixels lie on a surface
+    the smaller of the disparities to their left and right, with the slope that this surface has
+    there. Mismatched pixels lie on a surface
     that both views see: they take the median of the nearest matched pixels in 16 directions.
 
     Source: Zbontar & LeCun, Stereo Matching by Training a Convolutional Neural Network to Compare
@@ -27,16 +28,21 @@ class Filling:
 
     Attributes:
         confidence: of filled pixels, as a share of the median of the matched ones.
+        most_rise_px: how far the disparity behind an occlusion may differ from that beside it where
+            the surface there is slanted; 0 continues all surfaces as if they faced the camera.
         keep_choice: give rejected pixels back what the optimisation chose for them. One that looks
             around has seen the surface that goes on behind; one that does not has only guessed.
     """
 
     confidence: float = 0.1
+    most_rise_px: float = 3.0
     keep_choice: bool = False
 
     def __post_init__(self) -> None:
         if not 0 <= self.confidence <= 1:
             raise ValueError(f"confidence must be in [0, 1], got {self.confidence}")
+        if self.most_rise_px < 0:
+            raise ValueError(f"most_rise_px must not be negative, got {self.most_rise_px}")
 
     def __call__(
         self, disparity: DisparityMap[Tensor], *, chosen: DisparityMap[Tensor] | None = None
@@ -57,7 +63,7 @@ class Filling:
         mismatched = disparity.status == int(PixelStatus.MISMATCHED)
         around = from_directions(known, mismatched)
         interpolated = ~around.isnan()
-        values = torch.where(interpolated, around, from_row(known))
+        values = torch.where(interpolated, around, from_row(known, most_rise=self.most_rise_px))
         if self.keep_choice and chosen is not None:
             values = torch.where(chosen.valid, chosen.values, values)
         status = torch.where(

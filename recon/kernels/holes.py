@@ -14,6 +14,14 @@ __all__ = ["from_directions", "from_row"]
 SOURCES = 5
 """Known pixels asked on either side of a hole, so that a wrong one does not make a streak."""
 
+FIT_COLUMNS, FIT_ROWS = 25, 10
+"""How far a surface beside a hole is looked at: away from the hole, and up and down."""
+SAME_SURFACE = 2.0
+"""Values that differ more from the one beside the hole belong to something else."""
+LEAST_MEMBERS = 20
+FLATNESS = 4.0
+"""Squared pixels added to the spread of the members: few or narrow ones tell no slope."""
+
 STEPS = np.array(
     [
         (
@@ -26,20 +34,24 @@ STEPS = np.array(
 )  # (16, 2): rows, columns per step; every step enters a new pixel
 
 
-def from_row(values: Tensor) -> Tensor:
+def from_row(values: Tensor, *, most_rise: float = 0.0) -> Tensor:
     """Fill every hole with the smaller of what its row has on the left and on the right.
 
     Either side is the median of its five known pixels nearest to the hole, and a side without
-    any does not count. A row without any takes the filled row nearest to it.
+    any does not count. A row without any takes the filled row nearest to it. The surface of that
+    side may go on into the hole with its slope: that of the plane that fits the known pixels of
+    the same surface best, 25 columns away from the hole and 10 rows up and down.
 
     Args:
         values: (H, W) float32; NaN is a hole.
+        most_rise: how far a value in a hole may differ from that beside it by such a slope; 0
+            continues all surfaces flat.
 
     Returns:
         (H, W) float32 on the device of `values`, without NaN unless all of `values` is.
     """
     result = array_of(values).copy()
-    _fill_rows(array_of(values), result)
+    _fill_rows(array_of(values), result, np.float32(most_rise))
     known = np.flatnonzero(~np.isnan(result[:, 0]))
     if len(known):
         rows = np.arange(len(result))
@@ -51,7 +63,7 @@ def from_row(values: Tensor) -> Tensor:
 
 
 @compiled(parallel=True)
-def _fill_rows(values: Array, result: Array) -> None:
+def _fill_rows(values: Array, result: Array, most_rise: float) -> None:
     """Fill the rows of `result` that have at least one known value."""
     height, width = values.shape
     for y in prange(height):
@@ -66,9 +78,66 @@ def _fill_rows(values: Array, result: Array) -> None:
                 stop += 1
             left = _first_known(values[y, :start][::-1], members)
             right = _first_known(values[y, stop:], members)
-            # A side without any is NaN, and fmin returns the other.
-            result[y, start:stop] = np.fmin(left, right)
+            # A side without any is NaN, and such comparisons are false.
+            from_left = left <= right or np.isnan(right)
+            beside = start - 1 if from_left else stop
+            level = left if from_left else right
+            slope = 0.0
+            if most_rise > 0 and 0 <= beside < width:
+                slope, step = _slope_beside(values, y, beside, -1 if from_left else 1, level)
+                level += step
+            for x in range(start, stop):
+                rise = slope * (x - beside)
+                result[y, x] = level + max(-most_rise, min(most_rise, rise))
             start = stop
+
+
+@compiled()
+def _slope_beside(  # noqa: C901  compiled: one nest of loops
+    values: Array, y: int, beside: int, away: int, level: float
+) -> tuple[float, float]:
+    """Fit a plane to the surface beside a hole.
+
+    Args:
+        values: (H, W).
+        y: row of the hole.
+        beside: column next to the hole.
+        away: -1 or 1, the direction that leads away from the hole.
+        level: value of the surface there.
+
+    Returns:
+        The slope along the row, and how far the plane is above `level` beside the hole.
+    """
+    height, width = values.shape
+    count = 0
+    sums = np.zeros(3)
+    squares = np.zeros((3, 3))
+    member = np.zeros(3)
+    for row in range(max(0, y - FIT_ROWS), min(height, y + FIT_ROWS + 1)):
+        for step in range(FIT_COLUMNS):
+            column = beside + away * step
+            if not 0 <= column < width:
+                break
+            value = values[row, column] - level
+            if not abs(value) <= SAME_SURFACE:
+                continue
+            member[0], member[1], member[2] = column - beside, row - y, value
+            count += 1
+            for i in range(3):
+                sums[i] += member[i]
+                for j in range(3):
+                    squares[i, j] += member[i] * member[j]
+    if count < LEAST_MEMBERS:
+        return 0.0, 0.0
+    means, spread = sums / count, squares / count
+    for i in range(3):
+        for j in range(3):
+            spread[i, j] -= means[i] * means[j]
+    across, down, both = spread[0, 0] + FLATNESS, spread[1, 1] + FLATNESS, spread[0, 1]
+    area = across * down - both * both
+    slope = (spread[0, 2] * down - both * spread[1, 2]) / area
+    tilt = (across * spread[1, 2] - both * spread[0, 2]) / area
+    return slope, means[2] - slope * means[0] - tilt * means[1]
 
 
 @compiled()

@@ -219,6 +219,42 @@ class TestHoles:
 
         assert from_row(image)[:, 0].tolist() == [3, 3, 3, 3, 5, 5, 5]
 
+    @pytest.mark.parametrize("mirrored", [False, True])
+    def test_a_slanted_surface_goes_on_into_a_hole_at_the_border(self, mirrored):
+        rows, columns = torch.arange(30.0)[:, None], torch.arange(60.0)
+        plane = 20 + 0.05 * columns + 0.02 * rows
+        holes = plane.clone()
+        holes[:, :20] = NAN
+        if mirrored:
+            plane, holes = plane.flip(1), holes.flip(1)
+
+        flat, slanted = from_row(holes), from_row(holes, most_rise=3.0)
+
+        assert (flat - plane).abs().max() > 1
+        # Less than the whole slope, for the sake of what is narrow or noisy.
+        assert (slanted - plane).abs().max() < 0.15
+
+    def test_the_rise_into_a_hole_is_limited(self):
+        plane = (0.2 * torch.arange(60.0)).expand(30, 60).clone()
+        plane[:, :40] = NAN
+
+        filled = from_row(plane, most_rise=1.5)
+
+        assert (plane[:, 40] - filled[:, 0]).tolist() == pytest.approx([1.5] * 30, abs=0.6)
+
+    def test_what_is_beside_the_surface_does_not_bend_it(self):
+        image = torch.full((30, 60), 5.0)
+        image[:, :15] = NAN
+        image[:, 25:] = 30.0  # another surface, near the hole
+        image[12, 16] = NAN
+
+        assert torch.equal(from_row(image, most_rise=3.0)[:, :15], torch.full((30, 15), 5.0))
+
+    def test_a_few_pixels_tell_no_slope(self):
+        row = torch.tensor([[NAN, NAN, 6.0, 6.5, 7.0, 7.5, 8.0]])
+
+        assert torch.equal(from_row(row, most_rise=3.0), from_row(row))
+
     def test_nothing_is_made_of_nothing(self):
         nothing = torch.full((3, 4), NAN)
 
