@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import deepcopy
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import NamedTuple
@@ -9,6 +10,8 @@ from typing import NamedTuple
 import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
+from torch.nn.modules.batchnorm import _BatchNorm
+from torch.nn.utils.fusion import fuse_conv_bn_eval
 
 __all__ = ["BLOCK", "Estimate", "Regulariser", "RegulariserShape"]
 
@@ -191,6 +194,18 @@ class Regulariser(nn.Module):
             if isinstance(module, nn.Conv3d):
                 module.to(memory_format=torch.channels_last_3d)  # type: ignore[call-overload]
         return self
+
+    def fused(self) -> Regulariser:
+        """Return the same function with batch normalisation folded into the convolutions."""
+        result = deepcopy(self).eval()
+        for layer in result.modules():
+            if not isinstance(layer, nn.Sequential):
+                continue
+            match [*layer.children()]:
+                case [nn.Conv2d() | nn.Conv3d() as convolution, _BatchNorm() as norm, nn.ReLU()]:
+                    layer[0] = fuse_conv_bn_eval(convolution, norm)
+                    layer[1] = nn.Identity()
+        return result
 
     def forward(self, cost: Tensor, guide: Tensor) -> Estimate:
         """Estimate disparities.

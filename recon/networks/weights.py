@@ -106,7 +106,7 @@ def load_regulariser(name: str, device: str | torch.device = "cpu") -> Regularis
         "regulariser",
         lambda shape: Regulariser(RegulariserShape(**_as_tuples(shape[REGULARISER]))),
     )
-    return network.to(device).laid_out()
+    return network.fused().to(device).laid_out()
 
 
 def _as_tuples(shape: dict[str, Any]) -> dict[str, Any]:

@@ -86,6 +86,21 @@ class TestNetwork:
 
         assert _sample(likeness, wanted).flatten().tolist() == [2.0, 4.0, 7.0, 3.5, 0.0]
 
+    def test_folding_the_normalisation_changes_nothing(self, network):
+        cost, view = random_costs(32, 64, 16), random_view(32, 64)
+        network.train()
+        for _ in range(3):  # means and spreads that are not 0 and 1
+            estimate(network, cost, view)
+        network.eval()
+
+        fused = network.fused()
+
+        assert not any("BatchNorm" in type(layer).__name__ for layer in fused.modules())
+        for one, other in zip(
+            estimate(network, cost, view), estimate(fused, cost, view), strict=True
+        ):
+            torch.testing.assert_close(one, other, rtol=1e-3, atol=1e-3)
+
     def test_it_learns_where_the_cost_is_lowest(self):
         torch.manual_seed(0)
         network = Regulariser(SMALL)
