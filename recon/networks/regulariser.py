@@ -18,16 +18,19 @@ __all__ = ["BLOCK", "Estimate", "Regulariser", "RegulariserShape"]
 BLOCK = 4
 """Pixels and candidates that share a cell of the volume in which the network looks around."""
 HALVINGS = 3
+EXACT_FROM = 2
 SPATIAL_MULTIPLE = BLOCK << HALVINGS
 CANDIDATE_MULTIPLE = BLOCK << (HALVINGS - 1)
 NEIGHBOURS = 9
+HYPOTHESES = NEIGHBOURS + 1
+"""For a pixel: the blocks around it, and the winner of the paths."""
 PEAK_RADIUS = 3
 OFFSETS = (-3.0, -2.0, -1.0, -0.5, 0.0, 0.5, 1.0, 2.0, 3.0)
 MISSING = 3.0
 """Cost of a candidate that does not exist, above all that do."""
 STEEPEST_PX = 3.0
 LARGEST_CORRECTION_PX = 2.0
-FIRST_SHARPNESS = 12.0
+FIRST_SHARPNESS, FIRST_PATH_SHARPNESS = 12.0, 4.0
 MEAN_LIGHT, LIGHT_SPREAD = 0.45, 0.25
 """Of every image: those of the image itself would differ from strip to strip."""
 
@@ -45,6 +48,15 @@ class RegulariserShape:
     cells: tuple[int, ...] = (16, 32, 48, 64)
     context: tuple[int, ...] = (16, 24, 32, 48, 64, 64)
     fine: int = 32
+
+    def __post_init__(self) -> None:
+        if len(self.cells) != HALVINGS + 1 or len(self.context) != HALVINGS + 3:
+            raise ValueError(
+                f"a regulariser has {HALVINGS + 1} sizes of cells and {HALVINGS + 3} of context, "
+                f"got {self.cells} and {self.context}"
+            )
+        if min(*self.cells, *self.context, self.fine) < 1:
+            raise ValueError(f"cells, context and fine must be positive: {self}")
 
 
 class Estimate(NamedTuple):
@@ -114,6 +126,20 @@ class _Gate(nn.Module):
         return gated
 
 
+def _at(level: int, layer: nn.Module, volume: Tensor) -> Tensor:
+    """Return what a layer makes of a volume, in float32 at coarse levels.
+
+    oneDNN's gradients of convolutions over small volumes in bfloat16 hold memory that nobody
+    wrote.
+    """
+    if level < EXACT_FROM:
+        result: Tensor = layer(volume)
+        return result
+    with torch.autocast(volume.device.type, enabled=False):
+        exact: Tensor = layer(volume.float())
+        return exact
+
+
 class _Hourglass(nn.Module):
     """Convolutions over rows, columns and candidates, ever coarser and back."""
 
@@ -139,15 +165,16 @@ class _Hourglass(nn.Module):
     def forward(self, volume: Tensor, context: list[Tensor]) -> Tensor:
         current = self.gates[0](self.first(volume), context[0])
         kept = [current]
-        for down, gate, seen in zip(self.down, self.gates[1:], context[1:], strict=True):
-            current = gate(down(current), seen)
+        levels = zip(self.down, self.gates[1:], context[1:], strict=True)
+        for level, (down, gate, seen) in enumerate(levels, 1):
+            current = gate(_at(level, down, current), seen)
             kept.append(current)
         for level in reversed(range(HALVINGS)):
             narrow = self.narrow[level](current)
             for axis, step in zip((2, 3, 4), self.steps[level], strict=True):
                 if step == 2:
                     narrow = narrow.repeat_interleave(2, axis)
-            current = self.up[level](kept[level] + narrow)
+            current = _at(level, self.up[level], kept[level] + narrow)
         logits: Tensor = self.last(current)
         return logits
 
@@ -165,16 +192,18 @@ class Regulariser(nn.Module):
         super().__init__()
         self.shape = shape
         self.sharpness = nn.Parameter(torch.tensor(FIRST_SHARPNESS).log())
+        self.path_sharpness = nn.Parameter(torch.tensor(FIRST_PATH_SHARPNESS).log())
         self.likeness = nn.Linear(BLOCK**3, shape.cells[0])
         self.chance = nn.Linear(BLOCK**3, shape.cells[0], bias=False)
+        self.path_chance = nn.Linear(BLOCK**3, shape.cells[0], bias=False)
         self.context = _Context(shape.context)
         self.hourglass = _Hourglass(shape)
         self.block_weights = nn.Conv2d(
             shape.context[2] + NEIGHBOURS, NEIGHBOURS * BLOCK**2, 3, padding=1
         )
         self.pixel_weights = nn.Sequential(
-            _layer2(shape.context[0] + 2 * NEIGHBOURS, shape.fine),
-            nn.Conv2d(shape.fine, NEIGHBOURS, 1),
+            _layer2(shape.context[0] + 2 * HYPOTHESES + 1, shape.fine),
+            nn.Conv2d(shape.fine, HYPOTHESES, 1),
         )
         fine = shape.fine
         self.correction = nn.Sequential(
@@ -207,11 +236,13 @@ class Regulariser(nn.Module):
                     layer[1] = nn.Identity()
         return result
 
-    def forward(self, cost: Tensor, guide: Tensor) -> Estimate:
+    def forward(self, cost: Tensor, paths: Tensor, winner: Tensor, guide: Tensor) -> Estimate:
         """Estimate disparities.
 
         Args:
             cost: (N, H, W, D) float32 in [0, 2], +inf where there is no candidate.
+            paths: (N, H, W, D), mean costs of semi-global paths to each cell, +inf likewise.
+            winner: (N, H, W), where these are least, in candidates from the first.
             guide: (N, 3, H, W) in [0, 1], the view whose costs they are.
         """
         height, width, count = cost.shape[1:]
@@ -220,37 +251,63 @@ class Regulariser(nn.Module):
             -width % SPATIAL_MULTIPLE,
             -count % CANDIDATE_MULTIPLE,
         )
-        cost = F.pad(cost, (0, deep, 0, across, 0, down), value=float("inf")).clamp_max(MISSING)
-        guide = F.pad(guide, (0, across, 0, down), mode="replicate")
+        beyond = (0, deep, 0, across, 0, down)
+        cost = F.pad(cost, beyond, value=float("inf")).clamp_max(MISSING)
         likeness = torch.where(cost < MISSING, 1 - cost, 0.0)
+        winner = F.pad(winner, (0, across, 0, down))
+        guide = F.pad(guide, (0, across, 0, down), mode="replicate")
         seen = self.context(guide)
-        logits = self._logits(cost, likeness, seen[2:])
-        peak, height_of_peak = _peak(logits)
-        enlarged = self._enlarged(peak, height_of_peak, likeness, seen)
+        chance = torch.softmax(-self.sharpness.exp() * cost, -1)
+        path_chance = self._path_chance(F.pad(paths, beyond, value=float("inf")))
+        logits = self._logits(likeness, chance, path_chance, seen[2:])
+        enlarged = self._enlarged(*_peak(logits), likeness, path_chance, winner, seen)
         disparity, log_scale, occlusion = self._corrected(enlarged, likeness, seen[0])
         kept = slice(None), slice(height), slice(width)
         return Estimate(disparity[kept], log_scale[kept], occlusion[kept], enlarged[kept], logits)
 
-    def _logits(self, cost: Tensor, likeness: Tensor, seen: list[Tensor]) -> Tensor:
-        chance = torch.softmax(-self.sharpness.exp() * cost, -1)
-        seen_alike = self.likeness(_blocks(likeness)) + self.chance(_blocks(chance))
+    def _path_chance(self, paths: Tensor) -> Tensor:
+        """Return a softmax over the candidates; those that do not exist share a little."""
+        least = paths.amin(-1, keepdim=True)
+        above = torch.where(paths.isfinite(), paths - least, MISSING)
+        return torch.softmax(-self.path_sharpness.exp() * above, -1)
+
+    def _logits(
+        self, likeness: Tensor, chance: Tensor, path_chance: Tensor, seen: list[Tensor]
+    ) -> Tensor:
+        """Return the logits of blocks, (N, h, w, D)."""
+        seen_alike = (
+            self.likeness(_blocks(likeness))
+            + self.chance(_blocks(chance))
+            + self.path_chance(_blocks(path_chance))
+        )
         volume = F.relu(seen_alike).permute(0, 4, 1, 2, 3)  # (N, C, h, w, D / 4)
         logits: Tensor = self.hourglass(volume, seen)
         return logits.float().permute(0, 2, 3, 4, 1).flatten(3)
 
     def _enlarged(
-        self, peak: Tensor, chance: Tensor, likeness: Tensor, seen: list[Tensor]
+        self,
+        peak: Tensor,
+        chance: Tensor,
+        likeness: Tensor,
+        path_chance: Tensor,
+        winner: Tensor,
+        seen: list[Tensor],
     ) -> Tensor:
+        """Let each pixel choose among the blocks around it and the winner of the paths."""
         size = likeness.shape[1:3]
         around = _neighbours(peak)  # (N, 9, h, w)
         relative = (around - peak[:, None]).clamp(-8, 8) / 8
         coarse = self.block_weights(torch.cat((seen[2], relative), 1))
         coarse = F.pixel_shuffle(coarse, BLOCK).float()  # (N, 9, H, W)
-        hypotheses = F.interpolate(around, size, mode="nearest")
+        blocks = F.interpolate(around, size, mode="nearest")
+        hypotheses = torch.cat((blocks, winner[:, None]), 1)
         sampled = _sample(likeness, hypotheses)
         sure = F.interpolate(_neighbours(chance), size, mode="nearest")
-        fine = self.pixel_weights(torch.cat((seen[0], sampled, sure), 1)).float()
-        return (torch.softmax(coarse + fine, 1) * hypotheses).sum(1)
+        surest = path_chance.amax(-1)[:, None]
+        apart = (winner - blocks[:, NEIGHBOURS // 2])[:, None].clamp(-8, 8) / 8
+        fine = self.pixel_weights(torch.cat((seen[0], sampled, sure, surest, apart), 1)).float()
+        weights = F.pad(coarse, (0, 0, 0, 0, 0, 1)) + fine
+        return (torch.softmax(weights, 1) * hypotheses).sum(1)
 
     def _corrected(
         self, enlarged: Tensor, likeness: Tensor, seen: Tensor

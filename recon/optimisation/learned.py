@@ -9,12 +9,17 @@ import torch
 from torch import Tensor
 
 from recon.networks import Regulariser, load_regulariser
+from recon.optimisation.semi_global import SemiGlobal
 from recon.types import CostVolume, DisparityMap, PixelStatus
 
-__all__ = ["LearnedOptimisation"]
+__all__ = ["LearnedOptimisation", "hints"]
 
 CONTEXT_PX = 64
 RIGHT_PX = 1.0
+
+
+PATHS = SemiGlobal(small_step=0.5, large_step=3.75, across_edge=0.2, shared_slope=-0.5)
+"""Those of preset `best`; the weights know them."""
 
 
 @lru_cache(maxsize=4)
@@ -23,18 +28,35 @@ def _network(weights: str, device: torch.device) -> Regulariser:
     return load_regulariser(weights, device)
 
 
+def hints(cost: Tensor, guide: Tensor) -> tuple[Tensor, Tensor]:
+    """Return what semi-global paths say of a view.
+
+    Args:
+        cost: (H, W, D), +inf where there is no candidate.
+        guide: (H, W, 3) in [0, 1].
+
+    Returns:
+        The mean cost of the paths to each cell (H, W, D), +inf likewise; and the candidate of the
+        least one (H, W), between candidates, 0 where there is none.
+    """
+    volume = CostVolume(cost, range(cost.shape[-1]))
+    sums = PATHS.sums(volume, guide)
+    winner = PATHS.winner(CostVolume(sums, volume.disparities), guide)
+    return sums / PATHS.directions, torch.nan_to_num(winner.values)
+
+
 @dataclass(frozen=True)
 class LearnedOptimisation:
     """What `recon.networks.Regulariser` makes of the costs.
 
-    The network takes the place of aggregation and of semi-global paths, as those of Kendall et al.,
-    End-to-End Learning of Geometry and Context for Deep Stereo Regression, ICCV 2017; but it sees
-    the costs of our matching cost instead of features of its own. It finds a disparity for every
+    It looks around as the network of Kendall et al., End-to-End Learning of Geometry and Context
+    for Deep Stereo Regression, ICCV 2017, but sees the costs of our matching cost and of
+    semi-global paths through them instead of features of its own. It finds a disparity for every
     pixel, seen by the other view or not.
 
     Attributes:
         weights: the name of weights that ship, or the path of a file. They belong to the matching
-            cost on which they were trained.
+            cost and the aggregation on which they were trained.
     """
 
     weights: str = "regulariser"
@@ -54,7 +76,8 @@ class LearnedOptimisation:
         network = _network(self.weights, guide.device)
         cost = volume.cost.flip(1) if volume.of_right else volume.cost
         view = guide.flip(1) if volume.of_right else guide
-        estimate = network(cost[None], view.permute(2, 0, 1)[None])
+        paths, winner = hints(cost, view)
+        estimate = network(cost[None], paths[None], winner[None], view.permute(2, 0, 1)[None])
         last = len(volume.disparities) - 1
         values = estimate.disparity[0].clamp(0, last) + volume.disparities[0]
         confidence = 1 - torch.exp(-RIGHT_PX * torch.exp(-estimate.log_scale[0]))

@@ -65,8 +65,14 @@ class SemiGlobal:
 
     def __call__(self, volume: CostVolume, *, guide: Tensor) -> DisparityMap[Tensor]:
         """Choose along paths in all directions."""
+        return self.winner(CostVolume(self.sums(volume, guide), volume.disparities), guide)
+
+    def sums(self, volume: CostVolume, guide: Tensor) -> Tensor:
+        """Return the sums over all directions, (H, W, D); +inf where the volume is."""
         share = max(self.across_edge, self.small_step / max(self.large_step, 1e-9))
         costs = PathCosts(self.small_step, self.large_step, self.edge, share)
-        sums = path_sums(volume.cost, luminance(guide), costs, directions=self.directions)
-        winner = WinnerTakesAll(self.subpixel, self.shared_slope)
-        return winner(CostVolume(sums, volume.disparities), guide=guide)
+        return path_sums(volume.cost, luminance(guide), costs, directions=self.directions)
+
+    def winner(self, sums: CostVolume, guide: Tensor) -> DisparityMap[Tensor]:
+        """Return the candidates of the least sums."""
+        return WinnerTakesAll(self.subpixel, self.shared_slope)(sums, guide=guide)

@@ -10,9 +10,11 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
+from recon.aggregation import BilateralAggregation
 from recon.kernels.shifts import cosine_distances
 from recon.networks import FeatureNetwork, load_features, save_regulariser
 from recon.networks.regulariser import Estimate, Regulariser, RegulariserShape
+from recon.optimisation.learned import hints
 from recon.training.augmentation import Augmentation
 from recon.training.batches import whole
 from recon.training.misalignment import Pairs
@@ -22,10 +24,12 @@ from recon.training.progress import Scores
 from recon.training.regulariser_loss import regulariser_loss
 from recon.training.run import Run, Update
 from recon.training.settings import RegulariserTraining
-from recon.types import Array
+from recon.types import Array, CostVolume
 
 __all__ = ["RegulariserRun"]
 
+AGGREGATION = BilateralAggregation(radius_px=4, sigma_space_px=3.0, sigma_colour=0.05)
+"""That of preset `context`."""
 STEP_CANDIDATES = 16
 """Ranges are multiples of this: the network would only pad them."""
 BEYOND_PX = 3
@@ -50,9 +54,9 @@ class RegulariserRun(Run[RegulariserTraining]):
     def look(self, pairs: Pairs) -> Update:
         """See `Run`."""
         count = self._candidates(pairs.disparity)
-        cost = _costs(self.features, pairs.left, pairs.right, count)
+        seen = _seen(self.features, pairs.left, pairs.right, count)
         with torch.autocast(self.device.type, torch.bfloat16):
-            estimate = self.trained(cost, pairs.left)
+            estimate = self.trained(*seen, pairs.left)
         loss = regulariser_loss(estimate, pairs)
         return Update(pairs, loss, partial(_within_one_pixel, estimate.disparity.detach(), pairs))
 
@@ -89,8 +93,8 @@ class RegulariserRun(Run[RegulariserTraining]):
     def _estimate(self, pairs: Pairs) -> Estimate:
         """Return what the network says of pairs whose range is known."""
         count = int(pairs.disparity.max()) + BEYOND_PX
-        cost = _costs(self.features, pairs.left, pairs.right, count)
-        estimate: Estimate = self.ready()(cost, pairs.left)
+        seen = _seen(self.features, pairs.left, pairs.right, count)
+        estimate: Estimate = self.ready()(*seen, pairs.left)
         return estimate
 
     @torch.inference_mode()
@@ -114,13 +118,25 @@ class RegulariserRun(Run[RegulariserTraining]):
 
 
 @torch.no_grad()
-def _costs(features: FeatureNetwork, left: Tensor, right: Tensor, count: int) -> Tensor:
-    """Return the matching costs (N, H, W, D) of the disparities 0 to D - 1."""
+def _seen(
+    features: FeatureNetwork, left: Tensor, right: Tensor, count: int
+) -> tuple[Tensor, Tensor, Tensor]:
+    """Return what the network sees of the disparities 0 to D - 1 beside the left views.
+
+    Returns:
+        Aggregated costs (N, H, W, D), the paths through them, and the winner of these (N, H, W).
+    """
     both = torch.cat((left, right)).contiguous(memory_format=torch.channels_last)
     with torch.autocast(left.device.type, torch.bfloat16):
         vectors = features(both)
-    rows = zip(*vectors.float().chunk(2), strict=True)
-    return torch.stack([cosine_distances(ours, theirs, range(count)) for ours, theirs in rows])
+    parts = []
+    for ours, theirs, view in zip(*vectors.float().chunk(2), left, strict=True):
+        guide = view.permute(1, 2, 0).contiguous()
+        volume = CostVolume(cosine_distances(ours, theirs, range(count)), range(count))
+        cost = AGGREGATION(volume, guide=guide).cost
+        parts.append((cost, *hints(cost, guide)))
+    cost, paths, winner = (torch.stack(part) for part in zip(*parts, strict=True))
+    return cost, paths, winner
 
 
 def _within_one_pixel(found: Tensor, pairs: Pairs) -> float:

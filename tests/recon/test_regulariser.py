@@ -6,7 +6,8 @@ import torch
 
 from recon.networks import Regulariser, RegulariserShape, load_regulariser, save_regulariser
 from recon.networks.regulariser import BLOCK, _blocks, _peak, _sample
-from recon.optimisation import LearnedOptimisation
+from recon.optimisation import LearnedOptimisation, SemiGlobal
+from recon.optimisation.learned import hints
 from recon.training.misalignment import Pairs
 from recon.training.regulariser_loss import regulariser_loss
 from recon.types import CostVolume, PixelStatus
@@ -38,9 +39,14 @@ def random_view(height, width):
     return torch.rand(height, width, 3, generator=torch.Generator().manual_seed(8))
 
 
+def inputs(cost, view):
+    """Return what the network takes, a batch of one."""
+    return [part[None] for part in (cost, *hints(cost, view), view.permute(2, 0, 1))]
+
+
 @torch.inference_mode()
 def estimate(network, cost, view):
-    return network(cost[None], view.permute(2, 0, 1)[None])
+    return network(*inputs(cost, view))
 
 
 class TestNetwork:
@@ -101,28 +107,60 @@ class TestNetwork:
         ):
             torch.testing.assert_close(one, other, rtol=1e-3, atol=1e-3)
 
+    def test_the_winner_of_the_paths_is_a_hypothesis_of_its_pixel(self, network):
+        cost, view = random_costs(32, 64, 16), random_view(32, 64)
+        chooser = network.pixel_weights[-1]
+        with torch.no_grad():
+            chooser.bias[-1] = 1e3  # nothing else is chosen
+
+        found = estimate(network, cost, view)
+
+        torch.testing.assert_close(found.enlarged[0], hints(cost, view)[1])
+
+    def test_paths_take_part_in_the_logits(self, network):
+        cost, paths, winner, guide = inputs(random_costs(32, 64, 16), random_view(32, 64))
+
+        with torch.inference_mode():
+            ours = network(cost, paths, winner, guide).logits
+            others = network(cost, paths.flip(1), winner, guide).logits
+
+        assert not torch.allclose(ours, others)
+
     def test_it_learns_where_the_cost_is_lowest(self):
         torch.manual_seed(0)
         network = Regulariser(SMALL)
         optimiser = torch.optim.Adam(network.parameters(), 1e-2)
-        disparity = torch.full((1, 64, 64), 3.0)
-        disparity[:, :, 32:] = 9.0
+        disparity = torch.full((64, 64), 3.0)
+        disparity[:, 32:] = 9.0
         cost = (0.1 * (torch.arange(16) - disparity[..., None]).abs()).clamp_max(0.8)
-        guide = torch.zeros(1, 3, 64, 64)
-        guide[..., 32:] = 1.0
-        pairs = Pairs(guide, guide, disparity, torch.ones_like(disparity, dtype=torch.bool))
+        view = torch.zeros(64, 64, 3)
+        view[:, 32:] = 1.0
+        given = inputs(cost, view)
+        visible = torch.ones(1, 64, 64, dtype=torch.bool)
+        pairs = Pairs(given[-1], given[-1], disparity[None], visible)
 
         losses = []
         for _ in range(60):
-            loss = regulariser_loss(network(cost, guide), pairs)
+            loss = regulariser_loss(network(*given), pairs)
             optimiser.zero_grad()
             loss.backward()
             optimiser.step()
             losses.append(loss.item())
 
-        found = network(cost, guide).disparity
+        found = network(*given).disparity
         assert losses[-1] < 0.3 * losses[0]
         assert (found - disparity).abs().median() < 0.5
+
+    @pytest.mark.parametrize(
+        ("changes", "message"),
+        [
+            ({"cells": (16, 16)}, "has 4 sizes of cells and 6 of context"),
+            ({"fine": 0}, "cells, context and fine must be positive"),
+        ],
+    )
+    def test_a_shape_that_cannot_be_is_refused(self, changes, message):
+        with pytest.raises(ValueError, match=message):
+            RegulariserShape(**changes)
 
 
 class TestLoss:
@@ -131,7 +169,7 @@ class TestLoss:
         truth[..., 32:] = 40.0  # beyond the candidates: nothing but the errors counts there
         everything = torch.ones_like(truth, dtype=torch.bool)
         with torch.no_grad():
-            found = network(random_costs(32, 64, 16)[None], torch.zeros(1, 3, 32, 64))
+            found = network(*inputs(random_costs(32, 64, 16), torch.zeros(32, 64, 3)))
         wrong = found._replace(disparity=torch.full_like(truth, 4.0), enlarged=truth)
         view = torch.zeros(1, 3, 32, 64)
 
@@ -163,6 +201,27 @@ class TestWeights:
 
         with pytest.raises(ValueError, match=r"small\.safetensors does not hold .* a regulariser"):
             load_regulariser(str(weights))
+
+
+class TestHints:
+    def test_the_paths_are_those_of_semi_global_matching(self):
+        cost, view = random_costs(8, 20, 6), random_view(8, 20)
+        matching = SemiGlobal(0.5, 3.75, across_edge=0.2, shared_slope=-0.5)
+
+        paths, winner = hints(cost, view)
+
+        torch.testing.assert_close(winner, matching(CostVolume(cost, range(6)), guide=view).values)
+        assert torch.equal(paths.isfinite(), cost.isfinite())
+        assert (paths >= cost)[cost.isfinite()].all()  # a path never costs less than its end
+
+    def test_a_pixel_without_candidates_has_a_number_all_the_same(self):
+        cost = random_costs(8, 20, 6)
+        cost[:, :3] = torch.inf
+
+        paths, winner = hints(cost, random_view(8, 20))
+
+        assert paths[:, :3].isinf().all()
+        assert (winner[:, :3] == 0).all()
 
 
 class TestOptimisation:

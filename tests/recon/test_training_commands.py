@@ -8,12 +8,13 @@ import pytest
 import tyro
 from rich.console import Console
 
+from recon.cli import main as reconstruct
 from recon.cli import train as cli_train
 from recon.training import train as training
 from recon.training.arguments import parsed
 from recon.training.progress import Drawn, Saved, Step
 from recon.training.recipe import Recipe
-from recon.training.settings import FeatureTraining
+from recon.training.settings import FeatureTraining, RegulariserTraining
 from recon.training.train import main
 
 CONFIG = (
@@ -36,7 +37,10 @@ def asked(monkeypatch):
 
 
 def reconstruct_train(words):
-    tyro.cli(cli_train.train, args=words, config=CONFIG)
+    command = cli_train.train
+    if words[0] == "regulariser":
+        command, words = cli_train.train_regulariser, words[1:]
+    tyro.cli(command, args=words, config=CONFIG)
 
 
 CASES = {
@@ -47,6 +51,8 @@ CASES = {
     "--out here --pool there": FeatureTraining(out=Path("here"), pool=Path("there")),
     "--no-photometric --no-occluders": FeatureTraining(photometric=False, occluders=False),
     "--max-minutes 9.5 --workers 3": FeatureTraining(max_minutes=9.5, workers=3),
+    "regulariser": RegulariserTraining(),
+    "regulariser --batch 3 --most-candidates 64": RegulariserTraining(batch=3, most_candidates=64),
     "--recipe.no-light --recipe.scenes room fence": FeatureTraining(
         recipe=Recipe(light=False, scenes=("room", "fence"))
     ),
@@ -69,6 +75,13 @@ def test_the_recorded_command_trains_the_same_weights(settings):
 
     assert words[:2] == ["reconstruct", "train"]
     assert again.decisive() == settings.decisive()
+
+
+def test_two_words_name_the_network(asked):
+    for words in ("train regulariser", "train features", "train"):
+        reconstruct([*words.split(), "--device", "cpu"])
+
+    assert [type(one) for one in asked] == [RegulariserTraining, FeatureTraining, FeatureTraining]
 
 
 def test_every_setting_is_explained(capsys):
