@@ -117,6 +117,22 @@ class TestNetwork:
 
         torch.testing.assert_close(found.enlarged[0], hints(cost, view)[1])
 
+    @pytest.mark.parametrize(("neighbour", "down", "across"), [(4, 0, 0), (0, -1, -1), (5, 0, 1)])
+    def test_a_pixel_may_choose_any_block_around_its_own(self, network, neighbour, down, across):
+        blocks, pixels = network.block_weights, network.pixel_weights[-1]
+        with torch.no_grad():
+            for part in (*blocks.parameters(), *pixels.parameters()):
+                part.zero_()
+            blocks.bias.reshape(9, BLOCK**2)[neighbour] = 1e3  # nothing else is chosen
+
+        found = estimate(network, random_costs(32, 64, 16), random_view(32, 64))
+
+        peaks, _ = _peak(found.logits)
+        chosen = peaks[0].roll((-down, -across), (0, 1))[1:-1, 1:-1]
+        inside = found.enlarged[0, BLOCK:-BLOCK, BLOCK:-BLOCK]
+        torch.testing.assert_close(inside[::BLOCK, ::BLOCK], chosen)
+        torch.testing.assert_close(inside[BLOCK - 1 :: BLOCK, BLOCK - 1 :: BLOCK], chosen)
+
     def test_paths_take_part_in_the_logits(self, network):
         cost, paths, winner, guide = inputs(random_costs(32, 64, 16), random_view(32, 64))
 
