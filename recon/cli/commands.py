@@ -23,13 +23,13 @@ COMMANDS: dict[str, Callable[..., Any]] = {
     "evaluate": evaluate,
     "presets": presets,
     "train": train,
-    "train-regulariser": train_regulariser,
     "view": view,
 }
 
 
+SECOND: dict[str, Callable[..., Any]] = {"train-regulariser": train_regulariser}
 TWO_WORDS = {"train regulariser": "train-regulariser", "train features": "train"}
-"""Commands that are said in two words."""
+"""What is said in two words, and the command that it is."""
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -39,7 +39,7 @@ def main(arguments: list[str] | None = None) -> None:
         words = [said, *words[2:]]
     try:
         tyro.extras.subcommand_cli_from_dict(
-            COMMANDS,
+            COMMANDS | SECOND,
             prog="reconstruct",
             description="From a pair of photographs to a metric point cloud and a textured mesh.",
             args=words,

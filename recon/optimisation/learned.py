@@ -55,11 +55,11 @@ class LearnedOptimisation:
     pixel, seen by the other view or not.
 
     Attributes:
-        weights: the name of weights that ship, or the path of a file. They belong to the matching
+        weights: the path of a file, or the name of weights that ship. They belong to the matching
             cost and the aggregation on which they were trained.
     """
 
-    weights: str = "regulariser"
+    weights: str
 
     @property
     def margin_px(self) -> int:

@@ -4,6 +4,7 @@ import pytest
 import torch
 
 from recon.matching_cost import MATCHING_COSTS
+from recon.networks import Regulariser, RegulariserShape, save_regulariser
 from recon.optimisation import OPTIMISATIONS, SemiGlobal, WinnerTakesAll
 from recon.types import CostVolume, PixelStatus
 
@@ -17,8 +18,14 @@ def chosen(volume, method=None):
 
 
 @pytest.fixture(params=sorted(OPTIMISATIONS))
-def optimisation(request):
-    return lambda volume: chosen(volume, OPTIMISATIONS[request.param]())
+def optimisation(request, tmp_path):
+    settings = {}
+    if request.param == "learned":
+        shape = RegulariserShape(cells=(4, 4, 4, 4), context=(4, 4, 4, 4, 4, 4), fine=4)
+        settings["weights"] = str(tmp_path / "untrained.safetensors")
+        save_regulariser(tmp_path / "untrained.safetensors", Regulariser(shape), about={})
+    method = OPTIMISATIONS[request.param](**settings)
+    return lambda volume: chosen(volume, method)
 
 
 def volume_of(*pixels, first=0):
@@ -27,8 +34,9 @@ def volume_of(*pixels, first=0):
     return CostVolume(cost, range(first, first + cost.shape[2]))
 
 
-def test_a_clear_winner_is_chosen_in_units_of_disparity(optimisation):
-    disparity = optimisation(volume_of([1, 1, 0, 1, 1], [1, 0, 1, 1, 1], first=-7))
+@pytest.mark.parametrize("method", [SemiGlobal(), WinnerTakesAll()])
+def test_a_clear_winner_is_chosen_in_units_of_disparity(method):
+    disparity = chosen(volume_of([1, 1, 0, 1, 1], [1, 0, 1, 1, 1], first=-7), method)
 
     assert disparity.values.round().tolist() == [[-5, -6]]
     assert (disparity.status == int(PixelStatus.MATCHED)).all()
