@@ -3,19 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, TypeVar, cast
+from typing import Any, NoReturn, TypeVar, cast
 
-import numba
 import numpy.typing as npt
-from numba import prange
 from torch import Tensor
+
+try:
+    import numba
+    from numba import prange
+except ImportError:  # a machine with an accelerator may have torch alone, and needs no loops
+    numba, prange = None, range  # type: ignore[assignment,misc]
 
 __all__ = ["Array", "array_of", "compiled", "on_cpu", "prange"]
 
 Array = npt.NDArray[Any]
 Function = TypeVar("Function", bound=Callable[..., object])
 
-numba.config.THREADING_LAYER_PRIORITY = ["omp", "workqueue", "tbb"]  # type: ignore[attr-defined]
+if numba is not None:
+    numba.config.THREADING_LAYER_PRIORITY = ["omp", "workqueue", "tbb"]  # type: ignore[attr-defined]
 # OpenMP first, as torch does: an old TBB on the machine, which is tried first else, only warns.
 
 SAFE_FASTMATH = {"reassoc", "contract", "nsz", "arcp"}
@@ -34,10 +39,17 @@ def compiled(*, parallel: bool = False, finite: bool = False) -> Callable[[Funct
     flags = SAFE_FASTMATH | {"nnan", "ninf"} if finite else SAFE_FASTMATH
 
     def compile_function(function: Function) -> Function:
+        if numba is None:
+            return cast("Function", _not_without_numba)
         decorate = numba.njit(cache=True, nogil=True, parallel=parallel, fastmath=flags)
         return cast("Function", decorate(function))
 
     return compile_function
+
+
+def _not_without_numba(*_: object) -> NoReturn:
+    """Stand for a loop on a machine that cannot compile it."""
+    raise ImportError("this needs numba on a CPU (pip install numba); on a CUDA device it does not")
 
 
 def on_cpu(tensor: Tensor) -> bool:
