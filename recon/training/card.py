@@ -85,7 +85,8 @@ def card(run: Run[Any], scores: Scores) -> str:
         ),
         "score": (
             f"within 1 px of the truth, on the visible pixels of the {settings.validation_pairs} "
-            f"validation pairs: {scores.plain:.1%}; with augmentation {scores.augmented:.1%}"
+            f"validation pairs, {run.judged}: {scores.plain:.1%}; with augmentation "
+            f"{scores.augmented:.1%}"
         ),
         "licence": "Apache-2.0, like the code",
     }

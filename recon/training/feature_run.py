@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
 import torch
-from torch import nn
+from torch import Tensor, nn
 
 from recon.networks import FeatureNetwork, save_features
 from recon.networks.architecture import Architecture, architecture_named
-from recon.training.loss import matching_loss, near_edges, similarities, within_one_pixel
+from recon.training.loss import (
+    best_disparity,
+    matching_loss,
+    near_edges,
+    similarities,
+    within_one_pixel,
+)
 from recon.training.misalignment import Pairs
 from recon.training.picture import picture
 from recon.training.progress import Scores
@@ -20,9 +27,14 @@ from recon.training.support import Support
 from recon.training.validation import validate
 from recon.types import Array
 
-__all__ = ["FeatureRun"]
+__all__ = ["FeatureRun", "winners"]
 
 FIRST_SHARPNESS = 20.0
+
+
+def winners(network: FeatureNetwork) -> Callable[[Pairs], Tensor]:
+    """Return what finds the candidates whose vectors are most alike."""
+    return lambda pairs: best_disparity(similarities(network(pairs.left), network(pairs.right)))
 
 
 class _Trained(nn.Module):
@@ -39,6 +51,7 @@ class FeatureRun(Run[FeatureTraining]):
 
     trained: _Trained
     purpose = "matching cost network"
+    judged = "winner of the raw cost"
 
     def begin(self) -> nn.Module:
         """See `Run`."""
@@ -80,7 +93,8 @@ class FeatureRun(Run[FeatureTraining]):
     def scores(self) -> Scores:
         """See `Run`."""
         settings, seeds = self.settings, self.settings.validation_seeds
-        return validate(self.ready(), settings.pool, seeds, step=self.step, device=self.device)
+        find = winners(self.ready())
+        return validate(find, settings.pool, seeds, step=self.step, device=self.device)
 
     def picture(self, pairs: Pairs) -> Array:
         """See `Run`."""

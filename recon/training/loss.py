@@ -6,7 +6,14 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
-__all__ = ["best_disparity", "matching_loss", "near_edges", "similarities", "within_one_pixel"]
+__all__ = [
+    "best_disparity",
+    "close_share",
+    "matching_loss",
+    "near_edges",
+    "similarities",
+    "within_one_pixel",
+]
 
 FALSE_LABELS = 0.03
 WIDEST = 0.32  # of the width: scenes reach a quarter, and the augmentation zooms in
@@ -98,5 +105,10 @@ def best_disparity(similarity: Tensor) -> Tensor:
 
 def within_one_pixel(similarity: Tensor, disparity: Tensor, visible: Tensor) -> float:
     """Return the share of visible pixels whose best candidate is within 1 px of the truth."""
-    close = (best_disparity(similarity) - disparity).abs() <= 1
+    return close_share(best_disparity(similarity), disparity, visible)
+
+
+def close_share(found: Tensor, disparity: Tensor, visible: Tensor) -> float:
+    """Return the share of visible pixels whose disparity is within 1 px of the truth."""
+    close = (found - disparity).abs() <= 1
     return float((close & visible).sum() / visible.sum().clamp_min(1))

@@ -6,7 +6,6 @@ import math
 from functools import partial
 from pathlib import Path
 
-import numpy as np
 import torch
 from torch import Tensor, nn
 
@@ -15,21 +14,20 @@ from recon.kernels.shifts import cosine_distances
 from recon.networks import FeatureNetwork, load_features, save_regulariser
 from recon.networks.regulariser import Estimate, Regulariser, RegulariserShape
 from recon.optimisation.learned import hints
-from recon.training.augmentation import Augmentation
-from recon.training.batches import whole
+from recon.training.loss import close_share
 from recon.training.misalignment import Pairs
 from recon.training.picture import maps_below_views
-from recon.training.pool import read_pair
 from recon.training.progress import Scores
 from recon.training.regulariser_loss import regulariser_loss
 from recon.training.run import Run, Update
 from recon.training.settings import RegulariserTraining
+from recon.training.validation import validate
 from recon.types import Array, CostVolume
 
 __all__ = ["RegulariserRun"]
 
 AGGREGATION = BilateralAggregation(radius_px=4, sigma_space_px=3.0, sigma_colour=0.05)
-"""That of preset `context`."""
+"""That of preset `best`; the weights know it."""
 STEP_CANDIDATES = 16
 """Ranges are multiples of this: the network would only pad them."""
 BEYOND_PX = 3
@@ -40,6 +38,7 @@ class RegulariserRun(Run[RegulariserTraining]):
 
     trained: Regulariser
     purpose = "regulariser"
+    judged = "before any check"
     longest_gradient = 1.0
 
     def __init__(self, settings: RegulariserTraining, device: torch.device) -> None:
@@ -58,7 +57,8 @@ class RegulariserRun(Run[RegulariserTraining]):
         with torch.autocast(self.device.type, torch.bfloat16):
             estimate = self.trained(*seen, pairs.left)
         loss = regulariser_loss(estimate, pairs)
-        return Update(pairs, loss, partial(_within_one_pixel, estimate.disparity.detach(), pairs))
+        found = estimate.disparity.detach()
+        return Update(pairs, loss, partial(close_share, found, pairs.disparity, pairs.visible))
 
     def _candidates(self, disparity: Tensor) -> int:
         """Return how many disparities are searched: at times many more than there are."""
@@ -72,36 +72,23 @@ class RegulariserRun(Run[RegulariserTraining]):
         """See `Run`."""
         return self.trained.eval()
 
-    @torch.inference_mode()
     def scores(self) -> Scores:
         """See `Run`."""
-        plain: list[float] = []
-        augmented: list[float] = []
-        for seed in self.settings.validation_seeds:
-            pairs = whole(read_pair(self.settings.pool, seed), torch.device("cpu"))
-            generator = torch.Generator().manual_seed(seed)
-            left, right = Augmentation()(pairs.left, pairs.right, generator)
-            for seen, shares in (
-                (pairs, plain),
-                (pairs._replace(left=left, right=right), augmented),
-            ):
-                on_device = Pairs(*(part.to(self.device) for part in seen))
-                found = self._estimate(on_device).disparity
-                shares.append(_within_one_pixel(found, on_device))
-        return Scores(self.step, float(np.mean(plain)), float(np.mean(augmented)))
+        settings, seeds = self.settings, self.settings.validation_seeds
+        return validate(self._find, settings.pool, seeds, step=self.step, device=self.device)
 
-    def _estimate(self, pairs: Pairs) -> Estimate:
-        """Return what the network says of pairs whose range is known."""
+    def _find(self, pairs: Pairs) -> Tensor:
+        """Return the disparities of pairs whose range is known."""
         count = int(pairs.disparity.max()) + BEYOND_PX
         seen = _seen(self.features, pairs.left, pairs.right, count)
         estimate: Estimate = self.ready()(*seen, pairs.left)
-        return estimate
+        return estimate.disparity
 
     @torch.inference_mode()
     def picture(self, pairs: Pairs) -> Array:
         """See `Run`."""
         first = Pairs(*(part[:1] for part in pairs))
-        return maps_below_views(first, self._estimate(first).disparity[0])
+        return maps_below_views(first, self._find(first)[0])
 
     def write(self, path: Path, *, about: dict[str, str]) -> None:
         """See `Run`."""
@@ -137,9 +124,3 @@ def _seen(
         parts.append((cost, *hints(cost, guide)))
     cost, paths, winner = (torch.stack(part) for part in zip(*parts, strict=True))
     return cost, paths, winner
-
-
-def _within_one_pixel(found: Tensor, pairs: Pairs) -> float:
-    """Return the share of visible pixels that are within 1 px of the truth."""
-    close = (found - pairs.disparity).abs() <= 1
-    return float((close & pairs.visible).sum() / pairs.visible.sum().clamp_min(1))

@@ -126,6 +126,11 @@ class Run(ABC, Generic[SettingsT]):
         """What the network is, as in "weights of the ..."."""
 
     @property
+    @abstractmethod
+    def judged(self) -> str:
+        """Which disparities the scores are about."""
+
+    @property
     def checkpoint(self) -> Path:
         """The file from which this run can be taken up."""
         return self.settings.folder / "checkpoint.pt"

@@ -1,6 +1,7 @@
 """Train a network on generated pairs: `python -m recon.training.train --help`.
 
-The same as `reconstruct train`, on machines that have torch, NumPy and safetensors only.
+The same as `reconstruct train`, on machines that have torch, NumPy and safetensors only; the
+regulariser needs numba too, unless it is trained on a CUDA device.
 """
 
 from __future__ import annotations

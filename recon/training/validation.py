@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import torch
+from torch import Tensor
 
-from recon.networks import FeatureNetwork
 from recon.training.augmentation import Augmentation
 from recon.training.batches import whole
-from recon.training.loss import similarities, within_one_pixel
+from recon.training.loss import close_share
+from recon.training.misalignment import Pairs
 from recon.training.pool import read_pair
 from recon.training.progress import Scores
 
@@ -19,15 +21,15 @@ __all__ = ["validate"]
 
 @torch.inference_mode()
 def validate(
-    network: FeatureNetwork, pool: Path, seeds: range, *, step: int, device: torch.device
+    find: Callable[[Pairs], Tensor], pool: Path, seeds: range, *, step: int, device: torch.device
 ) -> Scores:
-    """Return the mean over pairs of `within_one_pixel`, as they are and as two cameras see them.
+    """Return the mean over pairs of `close_share`, as they are and as two cameras see them.
 
     The augmentation is the same each time and on every device: it is drawn on the CPU, from the
     seed of the pair.
 
     Args:
-        network: fused, on `device`.
+        find: returns the disparities (N, H, W) px of pairs that are on `device`.
         pool: folder of pairs.
         seeds: of the pairs.
         step: after which this is.
@@ -36,11 +38,11 @@ def validate(
     plain: list[float] = []
     augmented: list[float] = []
     for seed in seeds:
-        batch = whole(read_pair(pool, seed), torch.device("cpu"))
-        views = batch.left, batch.right
-        changed = Augmentation()(*views, torch.Generator().manual_seed(seed))
-        for (left, right), shares in ((views, plain), (changed, augmented)):
-            of_left, of_right = (network(view.to(device)) for view in (left, right))
-            truth = batch.disparity.to(device), batch.visible.to(device)
-            shares.append(within_one_pixel(similarities(of_left, of_right), *truth))
+        pairs = whole(read_pair(pool, seed), torch.device("cpu"))
+        generator = torch.Generator().manual_seed(seed)
+        left, right = Augmentation()(pairs.left, pairs.right, generator)
+        changed = pairs._replace(left=left, right=right)
+        for seen, shares in ((pairs, plain), (changed, augmented)):
+            there = Pairs(*(part.to(device) for part in seen))
+            shares.append(close_share(find(there), there.disparity, there.visible))
     return Scores(step, float(np.mean(plain)), float(np.mean(augmented)))

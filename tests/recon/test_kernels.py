@@ -5,7 +5,7 @@ import pytest
 import references
 import torch
 
-from recon.kernels import bilateral, minimum, recursive, shifts, windows
+from recon.kernels import bilateral, compiled, minimum, recursive, shifts, windows
 from recon.kernels.holes import from_directions, from_row
 from recon.kernels.median import weighted_median
 from recon.kernels.segments import segment_sizes
@@ -194,6 +194,15 @@ def test_segment_sizes_agree_with_a_flood(generator):
     result = segment_sizes(values, largest_step=1.0)
 
     assert np.array_equal(result, references.segment_sizes(values.numpy(), 1.0))
+
+
+def test_a_loop_says_what_it_lacks_where_it_cannot_be_compiled(monkeypatch):
+    monkeypatch.setattr(compiled, "numba", None)
+
+    loop = compiled.compiled(parallel=True)(lambda values: values)
+
+    with pytest.raises(ImportError, match=r"needs numba on a CPU \(pip install numba\)"):
+        loop(1)
 
 
 class TestHoles:

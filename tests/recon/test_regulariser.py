@@ -7,9 +7,11 @@ import torch
 from recon.networks import Regulariser, RegulariserShape, load_regulariser, save_regulariser
 from recon.networks.regulariser import BLOCK, _blocks, _peak, _sample
 from recon.optimisation import LearnedOptimisation, SemiGlobal
-from recon.optimisation.learned import hints
+from recon.optimisation.learned import PATHS, hints
+from recon.settings import load_preset
 from recon.training.misalignment import Pairs
 from recon.training.regulariser_loss import regulariser_loss
+from recon.training.regulariser_run import AGGREGATION
 from recon.types import CostVolume, PixelStatus
 
 SMALL = RegulariserShape(cells=(4, 6, 8, 8), context=(4, 6, 6, 8, 8, 8), fine=6)
@@ -198,6 +200,27 @@ class TestLoss:
         hidden[..., 32:] = False
         assert 0 < error(hidden) < 0.6 * error(everything)
 
+    def test_what_is_said_of_error_and_occlusion_is_held_against_the_truth(self, network):
+        view, truth = torch.zeros(1, 3, 32, 64), torch.full((1, 32, 64), 4.0)
+        visible = torch.arange(64).expand(1, 32, 64) >= 32
+        with torch.no_grad():
+            found = network(*inputs(random_costs(32, 64, 16), torch.zeros(32, 64, 3)))
+        found = found._replace(disparity=truth + 2.0, enlarged=truth)
+
+        def loss(**said):
+            told = found._replace(**{k: torch.full_like(truth, v) for k, v in said.items()})
+            return regulariser_loss(told, Pairs(view, view, truth, visible)).item()
+
+        scale = {b: loss(log_scale=np.log(b)) for b in (0.5, 2.0, 8.0)}
+        assert min(scale, key=scale.get) == 2.0
+        hidden = torch.where(visible, -5.0, 5.0)
+        right, wrong = (
+            regulariser_loss(found._replace(occlusion=sign * hidden),
+                             Pairs(view, view, truth, visible)).item()
+            for sign in (1, -1)
+        )  # fmt: skip
+        assert right < wrong
+
 
 class TestWeights:
     def test_what_is_saved_is_loaded_again(self, network, weights):
@@ -220,6 +243,12 @@ class TestWeights:
 
 
 class TestHints:
+    def test_the_weights_know_the_stages_of_the_preset_best(self):
+        best = load_preset("best").matcher
+
+        assert best.optimisation == PATHS
+        assert best.aggregation == AGGREGATION
+
     def test_the_paths_are_those_of_semi_global_matching(self):
         cost, view = random_costs(8, 20, 6), random_view(8, 20)
         matching = SemiGlobal(0.5, 3.75, across_edge=0.2, shared_slope=-0.5)

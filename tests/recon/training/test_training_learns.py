@@ -10,7 +10,7 @@ from small_trainings import CPU, draw_bands, weights_of
 from recon.networks import Architecture, FeatureNetwork, architecture
 from recon.training import scenes
 from recon.training.batches import pairs_for
-from recon.training.feature_run import FeatureRun
+from recon.training.feature_run import FeatureRun, winners
 from recon.training.pool import fill_pool
 from recon.training.settings import FeatureTraining
 from recon.training.train import train
@@ -93,7 +93,7 @@ def test_scores_are_those_of_fixed_pairs_with_and_without_augmentation(settings)
     network = FeatureNetwork(Architecture()).eval()
 
     first, second = (
-        validate(network, settings.pool, settings.validation_seeds, step=0, device=CPU)
+        validate(winners(network), settings.pool, settings.validation_seeds, step=0, device=CPU)
         for _ in range(2)
     )
 
