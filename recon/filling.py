@@ -19,8 +19,8 @@ class Filling:
 
     What one view cannot see lies behind what hides it: occluded pixels, and those outside, take
     the smaller of the disparities to their left and right, with the slope that this surface has
-    there. Mismatched pixels lie on a surface
-    that both views see: they take the median of the nearest matched pixels in 16 directions.
+    there. Mismatched pixels lie on a surface that both views see: they take the median of the
+    nearest matched pixels in 16 directions.
 
     Source: Zbontar & LeCun, Stereo Matching by Training a Convolutional Neural Network to Compare
     Image Patches, JMLR 17 2016, section 4.2; the smaller of two sides from Hirschmueller, PAMI
@@ -30,13 +30,10 @@ class Filling:
         confidence: of filled pixels, as a share of the median of the matched ones.
         most_rise_px: how far the disparity behind an occlusion may differ from that beside it where
             the surface there is slanted; 0 continues all surfaces as if they faced the camera.
-        keep_choice: give rejected pixels back what the optimisation chose for them. One that looks
-            around has seen the surface that goes on behind; one that does not has only guessed.
     """
 
     confidence: float = 0.1
     most_rise_px: float = 3.0
-    keep_choice: bool = False
 
     def __post_init__(self) -> None:
         if not 0 <= self.confidence <= 1:
@@ -44,14 +41,11 @@ class Filling:
         if self.most_rise_px < 0:
             raise ValueError(f"most_rise_px must not be negative, got {self.most_rise_px}")
 
-    def __call__(
-        self, disparity: DisparityMap[Tensor], *, chosen: DisparityMap[Tensor] | None = None
-    ) -> DisparityMap[Tensor]:
+    def __call__(self, disparity: DisparityMap[Tensor]) -> DisparityMap[Tensor]:
         """Fill all holes.
 
         Args:
             disparity: (H, W).
-            chosen: (H, W), what the optimisation chose, before any check; needed for `keep_choice`.
 
         Returns:
             (H, W) with a disparity everywhere; `disparity` itself if no pixel is matched.
@@ -64,8 +58,6 @@ class Filling:
         around = from_directions(known, mismatched)
         interpolated = ~around.isnan()
         values = torch.where(interpolated, around, from_row(known, most_rise=self.most_rise_px))
-        if self.keep_choice and chosen is not None:
-            values = torch.where(chosen.valid, chosen.values, values)
         status = torch.where(
             interpolated, int(PixelStatus.FILLED_MISMATCH), int(PixelStatus.FILLED_OCCLUSION)
         ).to(disparity.status.dtype)

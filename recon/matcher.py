@@ -110,7 +110,7 @@ class Matcher:
         disparity = reject_small_segments(disparity, min_segment_px=self.min_segment_px)
         observe("small_segments", disparity)
         if self.filling is not None:
-            disparity = self.filling(disparity, chosen=of_left)
+            disparity = self.filling(disparity)
             observe("filling", disparity)
         if self.confidence is not None:
             disparity = self.confidence(disparity, of_left, of_right, guide=left)

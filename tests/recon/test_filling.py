@@ -106,25 +106,3 @@ def test_a_map_without_a_single_match_stays_as_it_is():
 def test_a_share_that_is_not_one_is_refused():
     with pytest.raises(ValueError, match=r"confidence must be in \[0, 1\], got 2"):
         Filling(confidence=2)
-
-
-@pytest.mark.parametrize("status", [PixelStatus.OCCLUDED, PixelStatus.MISMATCHED])
-def test_what_the_optimisation_chose_is_kept_where_it_chose_and_is_asked_for(status):
-    disparity, hole = scene(status)
-    chosen = DisparityMap(
-        torch.full_like(disparity.values, 9.0),
-        torch.full_like(disparity.status, int(PixelStatus.MATCHED)),
-        torch.ones_like(disparity.confidence),
-    )
-    chosen.values[7], chosen.status[7] = NAN, int(PixelStatus.OUTSIDE)
-
-    kept = Filling(keep_choice=True)(disparity, chosen=chosen)
-    usual = Filling()(disparity, chosen=chosen)
-
-    inside = kept.values[hole]
-    assert (inside[0] == 9).all()
-    assert (inside[2:] == 9).all()
-    assert torch.equal(inside[1], usual.values[hole][1])
-    assert not (usual.values[hole] == 9).any()
-    assert torch.equal(kept.status, usual.status)
-    assert torch.equal(kept.confidence, usual.confidence)
