@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -26,6 +25,8 @@ if TYPE_CHECKING:
     from recon.pairs import PairOnDisk, RangeRequest
     from recon.settings import Preset
     from recon.viewer import RerunObserver
+
+    Wanted = Callable[[StereoPair | RectifiedPair, range | None, str], Preset]
 
 __all__ = ["demo", "pair"]
 
@@ -81,7 +82,7 @@ def pair(  # noqa: PLR0913  every one is an option of the command
     _run(
         lambda: _read(left, right, calib, stated, scale),
         out,
-        _Wanted(preset, settings, (*override, *_at_least(min_confidence))),
+        _preset_for(preset, settings, (*override, *_at_least(min_confidence))),
         RangeRequest(min_disparity, max_disparity, scale),
         (device_named(device), recording),
     )
@@ -116,36 +117,24 @@ def demo(
     )
 
 
-@dataclass(frozen=True)
-class _Wanted:
-    """The preset that was asked for, and what is to be different in it.
+def _preset_for(name: str, settings: Path | None, overrides: tuple[str, ...]) -> Wanted:
+    """Return what gives the preset for a pair, and says which it is if nobody did.
 
     Anything but auto is looked up at once, so that a mistake is said before anything is read.
     """
+    from recon.choice import AUTO, choose_preset
 
-    name: str
-    settings: Path | None
-    overrides: tuple[str, ...]
+    if name != AUTO:
+        preset = preset_with(name, settings, overrides)
+        return lambda *_: preset
 
-    def __post_init__(self) -> None:
-        from recon.choice import AUTO
+    def chosen(pair: StereoPair | RectifiedPair, disparities: range | None, device: str) -> Preset:
+        height, width = pair.left.shape[:2]
+        choice = choose_preset((width, height), disparities, device=device)
+        console.print(f"preset {choice.reason}", soft_wrap=True)
+        return preset_with(choice.preset, settings, overrides)
 
-        if self.name != AUTO:
-            preset_with(self.name, self.settings, self.overrides)
-
-    def preset(
-        self, pair: StereoPair | RectifiedPair, disparities: range | None, device: str
-    ) -> Preset:
-        """Return the preset for a pair, and say which it is if nobody did."""
-        from recon.choice import AUTO, choose_preset
-
-        name = self.name
-        if name == AUTO:
-            height, width = pair.left.shape[:2]
-            choice = choose_preset((width, height), disparities, device=device)
-            console.print(f"preset {choice.reason}", soft_wrap=True)
-            name = choice.preset
-        return preset_with(name, self.settings, self.overrides)
+    return chosen
 
 
 def _at_least(min_confidence: float | None) -> tuple[str, ...]:
@@ -176,7 +165,7 @@ def _recorder(recording: Recording, folder: Path) -> contextlib.AbstractContextM
 def _run(
     read: Callable[[], PairOnDisk],
     out: Path,
-    wanted: _Wanted,
+    preset_for: Wanted,
     limits: RangeRequest,
     where: tuple[str, Recording],
 ) -> None:
@@ -200,7 +189,7 @@ def _run(
         for note in source.notes:
             console.print(f"note: {note}", soft_wrap=True)
         disparities = limits.applied_to(source.disparities)
-        preset = wanted.preset(source.pair, disparities, device)
+        preset = preset_for(source.pair, disparities, device)
         watch("input/files", source.inputs)
         result = reconstruct(
             source.pair, preset, disparities=disparities, device=device, observe=watch
