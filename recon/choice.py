@@ -8,9 +8,9 @@ from dataclasses import dataclass
 __all__ = ["AUTO", "Choice", "choose_preset"]
 
 AUTO = "auto"
-CORE_SECONDS = {"best": 29.0, "fast": 9.0}
-"""What 10^8 comparisons of two pixels cost one core, most accurate first: `benchmarks/speed.py` at
-0.35 MP x 75, times its threads."""
+CORE_SECONDS = {"best": 29.0, "fast": 8.0}
+"""What 10^8 comparisons of two pixels cost one core, most accurate first: the total of
+`benchmarks/speed.py --presets best fast` at 0.35 MP x 75, times its 2 threads."""
 COMPARISONS = 1e8
 PATIENCE_S = 60.0
 UNKNOWN_RANGE = 0.25
@@ -42,7 +42,7 @@ def choose_preset(
     Args:
         size: (width, height) of the pair that is matched.
         disparities: candidates to search; None if they are still to be estimated.
-        device: where to compute; on a GPU the most accurate one always takes less.
+        device: where to compute; on a GPU it is the most accurate one, which was not timed there.
         cores: of the processor; those of this machine if not given.
     """
     most_accurate = next(iter(CORE_SECONDS))
