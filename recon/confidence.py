@@ -20,7 +20,13 @@ SMALLEST_COST = 1e-6
 """Costs below this are equal to zero but for rounding."""
 
 EVIDENCE = (
-    *("always", "margin", "partner", "difference", "agreement", "matched", "texture"),
+    "always",
+    "margin",
+    "partner",
+    "difference",
+    "agreement",
+    "matched",
+    "texture",
     "certainty",
 )
 """What speaks for a disparity or against it, see `evidence`."""
