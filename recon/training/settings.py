@@ -168,7 +168,7 @@ class RegulariserTraining(Training):
     command_words: ClassVar[str] = "reconstruct train regulariser"
 
     pairs: int = 800
-    steps: int = 5000
+    steps: int = 4000
     batch: int = 2
     crop_rows: int = 128
     learning_rate: float = 1e-3
