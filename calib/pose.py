@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -49,6 +50,18 @@ class Pose:
     def identity(cls) -> Pose:
         """Return the pose that moves nothing."""
         return cls(np.eye(3), np.zeros(3))
+
+    @classmethod
+    def from_values(cls, values: Array) -> Pose:
+        """Return the pose of a rotation vector (radians) and a translation, (6,)."""
+        R, _ = cv2.Rodrigues(values[:3, None])
+        return cls(np.asarray(R, dtype=np.float64), values[3:])
+
+    @property
+    def values(self) -> Array:
+        """Rotation vector and translation, (6,)."""
+        turn, _ = cv2.Rodrigues(self.R)
+        return np.concatenate([np.asarray(turn, dtype=np.float64).ravel(), self.t])
 
     def inverse(self) -> Pose:
         """Return `a_from_b` of this `b_from_a`: x_a = R^T (x_b - t)."""
