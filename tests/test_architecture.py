@@ -15,6 +15,7 @@ ROWS = (
     ("calib.pair", "recon.confidence"),
     (
         "calib.rectify",
+        "calib.boards",
         "recon.matching_cost",
         "recon.aggregation",
         "recon.optimisation",
@@ -23,7 +24,7 @@ ROWS = (
         "recon.refinement",
         "recon.colours",
     ),
-    ("recon.coarse_to_fine",),
+    ("recon.coarse_to_fine", "calib.estimation"),
     ("recon.tiles",),
     ("recon.matcher", "recon.triangulation"),
     ("recon.meshing",),
@@ -40,7 +41,7 @@ ROWS = (
         "recon.viewer",
         "recon.training",
     ),
-    ("recon.evaluation",),
+    ("recon.evaluation", "recon.calibration"),
     ("recon",),
     ("recon.cli",),
 )
@@ -53,7 +54,7 @@ ONLY_IN = {
     "pydantic": ("recon.settings",),
     "trimesh": ("recon.files",),
     "safetensors": ("recon.networks",),
-    "jinja2": ("recon.evaluation",),
+    "jinja2": ("recon.evaluation", "recon.calibration"),
 }
 NEVER_IN = {
     "cv2": (

@@ -8,6 +8,7 @@ from typing import Any, NoReturn
 
 import tyro
 
+from recon.cli.calibrate import calibrate
 from recon.cli.evaluate import evaluate
 from recon.cli.look import presets, view
 from recon.cli.pair import demo, pair
@@ -20,6 +21,7 @@ __all__ = ["COMMANDS", "main"]
 COMMANDS: dict[str, Callable[..., Any]] = {
     "pair": pair,
     "demo": demo,
+    "calibrate": calibrate,
     "evaluate": evaluate,
     "presets": presets,
     "train": train,
