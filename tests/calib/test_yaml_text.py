@@ -29,7 +29,7 @@ TEXTS = {
     "over_lines": ("d: [1,\n   2, # two\n3]\ne: 4\n", {"d": [1, 2, 3], "e": 4}),
     "comments": ("# don't\na: 1 # [\nb: 'x # y'\nc: x#y\n", {"a": 1, "b": "x # y", "c": "x#y"}),
     "brackets_in_quotes": ("a: '['\nb: [\"]\", 1]\n", {"a": "[", "b": ["]", 1]}),
-    "topics": ("t: /cam0/raw\nu: http://x\nv: it's\n", {"t": "/cam0/raw", "u": "http://x", "v": "it's"}),
+    "topics": ("t: /cam0/raw\nu: a://x\nv: it's\n", {"t": "/cam0/raw", "u": "a://x", "v": "it's"}),
     "tags": ("m: !!opencv-matrix\n  rows: 3\n", {"m": {"rows": 3}}),
     "first_document": ("%YAML 1.2\n---\na: 1\n---\na: 2\n", {"a": 1}),
     "windows": ("a: 1\r\nb:\r\n  c: 2\r\n", {"a": 1, "b": {"c": 2}}),
