@@ -72,7 +72,7 @@ def _geometry(section: Section) -> RectifiedGeometry:
     )
 
 
-def _render(record: CalibrationRecord, _path: Path) -> str:
+def _render(record: CalibrationRecord, path: Path) -> dict[Path, str]:
     content: Plain = {"format": MARK, "version": VERSION}
     if record.raw is not None:
         content["raw"] = _plain_rig(record.raw)
@@ -80,7 +80,7 @@ def _render(record: CalibrationRecord, _path: Path) -> str:
         content["rectified"] = _plain_geometry(record.rectified)
     if record.disparities is not None:
         content["disparities_px"] = [record.disparities.start, record.disparities.stop]
-    return json.dumps(content, indent=2) + "\n"
+    return {path: json.dumps(content, indent=2) + "\n"}
 
 
 def _plain_rig(rig: StereoCalibration) -> Plain:
