@@ -11,6 +11,8 @@ from calib.formats.opencv import OPENCV_READER, OPENCV_WRITER
 from calib.formats.own_json import OWN_JSON_READER, OWN_JSON_WRITER
 from calib.formats.protocol import CalibrationFile, LengthUnit, Reader, Writer
 from calib.formats.record import CalibrationRecord
+from calib.formats.ros import ROS_READER
+from calib.formats.ros_writing import ROS_WRITER
 from calib.formats.tagged_xml import TAGGED_XML_READER
 from calib.rig import RectifiedGeometry, StereoCalibration
 
@@ -20,6 +22,7 @@ __all__ = ["READERS", "WRITERS", "read_calibration", "write_calibration"]
 READERS: dict[str, Reader] = {
     "json": OWN_JSON_READER,
     "tagged_xml": TAGGED_XML_READER,
+    "ros": ROS_READER,
     "opencv": OPENCV_READER,
     "middlebury": MIDDLEBURY_READER,
     "kitti": KITTI_READER,
@@ -30,6 +33,7 @@ WRITERS: dict[str, Writer] = {
     "json": OWN_JSON_WRITER,
     "opencv": OPENCV_WRITER,
     "middlebury": MIDDLEBURY_WRITER,
+    "ros": ROS_WRITER,
 }
 
 
