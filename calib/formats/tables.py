@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from calib.formats.k_txt import K_TXT_READER
+from calib.formats.kalibr import KALIBR_READER, KALIBR_WRITER
 from calib.formats.kitti import KITTI_READER
 from calib.formats.middlebury import MIDDLEBURY_READER, MIDDLEBURY_WRITER
 from calib.formats.opencv import OPENCV_READER, OPENCV_WRITER
@@ -22,6 +23,7 @@ __all__ = ["READERS", "WRITERS", "read_calibration", "write_calibration"]
 READERS: dict[str, Reader] = {
     "json": OWN_JSON_READER,
     "tagged_xml": TAGGED_XML_READER,
+    "kalibr": KALIBR_READER,
     "ros": ROS_READER,
     "opencv": OPENCV_READER,
     "middlebury": MIDDLEBURY_READER,
@@ -34,6 +36,7 @@ WRITERS: dict[str, Writer] = {
     "opencv": OPENCV_WRITER,
     "middlebury": MIDDLEBURY_WRITER,
     "ros": ROS_WRITER,
+    "kalibr": KALIBR_WRITER,
 }
 
 
