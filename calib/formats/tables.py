@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from calib.formats.colmap import COLMAP_READER, COLMAP_WRITER
 from calib.formats.k_txt import K_TXT_READER
 from calib.formats.kalibr import KALIBR_READER, KALIBR_WRITER
 from calib.formats.kitti import KITTI_READER
@@ -28,6 +29,7 @@ READERS: dict[str, Reader] = {
     "opencv": OPENCV_READER,
     "middlebury": MIDDLEBURY_READER,
     "kitti": KITTI_READER,
+    "colmap": COLMAP_READER,
     "k_txt": K_TXT_READER,
 }
 # The first whose endings fit writes a file of which no format is given.
@@ -37,6 +39,7 @@ WRITERS: dict[str, Writer] = {
     "middlebury": MIDDLEBURY_WRITER,
     "ros": ROS_WRITER,
     "kalibr": KALIBR_WRITER,
+    "colmap": COLMAP_WRITER,
 }
 
 
