@@ -7,7 +7,7 @@ from pathlib import Path
 from calib.formats.colmap import COLMAP_READER, COLMAP_WRITER
 from calib.formats.k_txt import K_TXT_READER
 from calib.formats.kalibr import KALIBR_READER, KALIBR_WRITER
-from calib.formats.kitti import KITTI_READER
+from calib.formats.kitti import KITTI_READER, KITTI_WRITER
 from calib.formats.middlebury import MIDDLEBURY_READER, MIDDLEBURY_WRITER
 from calib.formats.opencv import OPENCV_READER, OPENCV_WRITER
 from calib.formats.own_json import OWN_JSON_READER, OWN_JSON_WRITER
@@ -39,6 +39,7 @@ WRITERS: dict[str, Writer] = {
     "middlebury": MIDDLEBURY_WRITER,
     "ros": ROS_WRITER,
     "kalibr": KALIBR_WRITER,
+    "kitti": KITTI_WRITER,
     "colmap": COLMAP_WRITER,
 }
 
