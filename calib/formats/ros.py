@@ -91,9 +91,7 @@ def _read(file: CalibrationFile) -> CalibrationRecord:
             "one by one? Calibrate them together, as a stereo pair"
         )
     metres = file.metres_as_defined(baseline, "ROS")
-    scale = np.array([1, 1, 1, metres])
-    size = left.camera.size
-    rectified = RectifiedGeometry.from_projections(left.P * scale, right.P * scale, size)
+    rectified, notes = _rectified(left, right, shift, metres)
     # x_right = R_r^T (R_l x_left + shift)
     pose = Pose(nearest_rotation(right.R.T @ left.R), right.R.T @ shift * metres)
     raw = StereoCalibration(left.camera, right.camera, pose)
@@ -101,7 +99,28 @@ def _read(file: CalibrationFile) -> CalibrationRecord:
         np.array_equal(view.camera.K, view.P[:, :3]) for view in (left, right)
     ):
         return CalibrationRecord(None, rectified, file.path, NAME, notes=(ALREADY_RECTIFIED,))
-    return CalibrationRecord(raw, rectified, file.path, NAME)
+    return CalibrationRecord(raw, rectified, file.path, NAME, notes=notes)
+
+
+def _rectified(
+    left: _View, right: _View, shift: Array, metres: float
+) -> tuple[RectifiedGeometry | None, tuple[str, ...]]:
+    """Return the geometry that P describes; None, and why, if it is not that of a rectified pair.
+
+    Some drivers put the raw camera matrices into P: the raw cameras are of use all the same.
+
+    Raises:
+        ValueError: if the cameras are swapped or stand one above the other.
+    """
+    scale = np.array([1, 1, 1, metres])
+    try:
+        return RectifiedGeometry.from_projections(
+            left.P * scale, right.P * scale, left.camera.size
+        ), ()
+    except ValueError as error:
+        if -shift[0] < abs(shift[1]):
+            raise
+        return None, (f"only the raw cameras were taken, projection_matrix has {error}",)
 
 
 def _pair(file: CalibrationFile) -> tuple[_View, _View]:

@@ -167,6 +167,19 @@ def test_cameras_that_are_rectified_already_are_not_raw(tmp_path):
     assert "the images were taken as rectified" in record.notes[0]
 
 
+def test_projections_that_are_not_rectified_leave_the_raw_cameras(tmp_path):
+    """As some drivers publish them: P is the raw camera matrix."""
+    for name, K, shift in (("left.yaml", K_LEFT, 0.0), ("right.yaml", K_RIGHT, -11.4)):
+        P = np.column_stack([K, [shift, 0, 0]])
+        (tmp_path / name).write_text(camera_text(K, LENSES["five"][1], np.eye(3), P))
+
+    record = read_calibration(tmp_path / "left.yaml")
+
+    assert record.rectified is None
+    assert "only the raw cameras were taken" in record.notes[0]
+    np.testing.assert_allclose(record.raw.right_from_left.t, [-0.1, 0, 0], atol=1e-15)
+
+
 # How the files may look
 
 
@@ -318,9 +331,10 @@ def test_a_missing_other_half_is_named(pair):
         read_calibration(left)
 
 
-def test_a_name_without_a_side_is_refused(pair):
+@pytest.mark.parametrize("name", ["ost.yaml", "bright.yaml", "lens.yaml", "cam2.yaml"])
+def test_a_name_without_a_side_is_refused(name, pair):
     left, _ = pair()
-    camera = left.rename(left.with_name("ost.yaml"))
+    camera = left.rename(left.with_name(name))
 
     with pytest.raises(ValueError, match=r"name does not say which; call the two files left.yaml"):
         read_calibration(camera)
@@ -377,6 +391,23 @@ def test_swapped_files_are_refused(pair):
 
     with pytest.raises(ValueError, match=r"baseline must be positive, .* swapped"):
         read_calibration(left)
+
+
+@pytest.mark.parametrize(
+    ("shift", "message"),
+    [
+        ([0, -11.2, 0], "stand one above the other"),
+        ([11.2, 0, 0], "baseline must be positive, got -0.1 m; are the left and right .* swapped"),
+    ],
+)
+def test_cameras_that_are_not_side_by_side_are_refused(shift, message, tmp_path):
+    K = np.array([[112.0, 0, 78.5], [0, 112, 61], [0, 0, 1]])
+    for name, column in (("left.yaml", [0, 0, 0]), ("right.yaml", shift)):
+        P = np.column_stack([K, column])
+        (tmp_path / name).write_text(camera_text(K, [0.0] * 5, np.eye(3), P))
+
+    with pytest.raises(ValueError, match=message):
+        read_calibration(tmp_path / "left.yaml")
 
 
 def test_cameras_calibrated_one_by_one_are_refused(tmp_path):
