@@ -168,9 +168,11 @@ def _view(section: Section) -> _View:
     size = tuple(int(section.number(_name(section, key))) for key in ("width", "height"))
     K, R, P = (_matrix(section, _name(section, key), shape) for key, shape in SHAPES.items())
     for key, matrix in (("K", K), ("P", P)):
-        if matrix[0, 0] == 0:
-            name = _name(section, key)
-            raise ValueError(f"{section.place}{name} is 0: the camera is not calibrated")
+        if np.linalg.det(matrix[:, :3]) == 0:
+            raise ValueError(
+                f"{section.place}{_name(section, key)} has no inverse, got {matrix.tolist()}; is "
+                "the camera not calibrated, or the file damaged?"
+            )
     model = _model(section)
     lens = _matrix(section, _name(section, "D"), (-1,))
     try:
