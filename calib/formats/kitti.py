@@ -3,22 +3,25 @@
 from __future__ import annotations
 
 import re
+from pathlib import Path
 
 import numpy as np
 
 from calib.camera import Camera
-from calib.formats.protocol import Array, CalibrationFile, Reader, as_numbers
+from calib.formats.protocol import Array, CalibrationFile, Reader, Writer, as_numbers
 from calib.formats.record import CalibrationRecord
+from calib.formats.rigs import projections, rectification
 from calib.pose import Pose, nearest_rotation
 from calib.rig import RectifiedGeometry, StereoCalibration
 
-__all__ = ["KITTI_READER"]
+__all__ = ["KITTI_READER", "KITTI_WRITER"]
 
 NAME = "kitti"
 NAMED_ROW = re.compile(r"^\s*(P(?:_rect_0)?[0-3])\s*:", re.MULTILINE)
 PAIRS = (("2", "3"), ("0", "1"))  # colour cameras first, then the grey ones
 PROJECTION_NAMES = ("P_rect_0", "P")
 PROJECTION_LENGTH = 12
+COEFFICIENTS = 5
 
 
 def _recognises(file: CalibrationFile) -> bool:
@@ -102,8 +105,47 @@ def _pose(entries: dict[str, str], camera: str) -> Pose:
     return Pose(R, _numbers(entries, f"T_0{camera}", (3,)))
 
 
+def _render(record: CalibrationRecord, path: Path) -> dict[Path, str]:
+    """Return the file with the left camera as number 0 and the right one as number 1."""
+    rows: list[tuple[str, Array]] = []
+    rig = record.raw
+    if rig is not None:
+        rows += _raw_rows("0", rig.left, Pose.identity())
+        rows += _raw_rows("1", rig.right, rig.right_from_left)
+    *rotations, geometry = rectification(record)
+    for number, R, P in zip("01", rotations, projections(geometry), strict=True):
+        rows += [
+            (f"S_rect_0{number}", np.array(geometry.size, dtype=np.float64)),
+            (f"R_rect_0{number}", R),
+            (f"P_rect_0{number}", P),
+        ]
+    return {path: "".join(f"{key}: {_words(numbers)}\n" for key, numbers in rows)}
+
+
+def _raw_rows(number: str, camera: Camera, pose: Pose) -> list[tuple[str, Array]]:
+    lens = camera.distortion
+    if camera.model == "fisheye" or lens[COEFFICIENTS:].any():
+        raise ValueError(
+            f"KITTI's lens has {COEFFICIENTS} coefficients of a pinhole camera, got a "
+            f"{camera.model} with {lens.size}; write .json or OpenCV's .yml instead"
+        )
+    lens = np.pad(lens[:COEFFICIENTS], (0, max(0, COEFFICIENTS - lens.size)))
+    return [
+        (f"S_0{number}", np.array(camera.size, dtype=np.float64)),
+        (f"K_0{number}", camera.K),
+        (f"D_0{number}", lens),
+        (f"R_0{number}", pose.R),
+        (f"T_0{number}", pose.t),
+    ]
+
+
+def _words(numbers: Array) -> str:
+    return " ".join(repr(float(number)) for number in numbers.ravel())
+
+
 KITTI_READER = Reader(
     looks_like="KITTI: lines P_rect_02: or P2: (or P0:) with 12 numbers, or 12 bare numbers a line",
     recognises=_recognises,
     read=_read,
 )
+KITTI_WRITER = Writer(suffixes=(".txt",), render=_render)

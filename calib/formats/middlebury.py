@@ -70,7 +70,7 @@ def _check_doffs(entries: dict[str, str], shift: float) -> None:
         )
 
 
-def _render(record: CalibrationRecord, _path: Path) -> str:
+def _render(record: CalibrationRecord, path: Path) -> dict[Path, str]:
     geometry = record.rectified
     if geometry is None:
         raise ValueError(
@@ -91,7 +91,7 @@ def _render(record: CalibrationRecord, _path: Path) -> str:
     ]
     if record.disparities is not None:
         lines.append(f"ndisp={record.disparities.stop}")
-    return "\n".join(lines) + "\n"
+    return {path: "\n".join(lines) + "\n"}
 
 
 MIDDLEBURY_READER = Reader(

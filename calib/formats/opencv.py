@@ -20,6 +20,7 @@ from calib.formats.opencv_values import (
 )
 from calib.formats.protocol import METRES, Array, CalibrationFile, Reader, Writer
 from calib.formats.record import CalibrationRecord
+from calib.formats.rigs import projections
 from calib.pose import Pose, nearest_rotation
 from calib.rig import RectifiedGeometry, StereoCalibration
 
@@ -166,7 +167,7 @@ def _camera(
     return Camera(size, K.reshape(3, 3), distortion, model or "pinhole"), notes
 
 
-def _render(record: CalibrationRecord, path: Path) -> str:
+def _render(record: CalibrationRecord, path: Path) -> dict[Path, str]:
     kind = ".xml" if path.suffix.lower() == ".xml" else ".yml"
     storage = cv2.FileStorage(kind, cv2.FILE_STORAGE_WRITE | cv2.FILE_STORAGE_MEMORY)
     storage.write("unit", "m")
@@ -174,7 +175,7 @@ def _render(record: CalibrationRecord, path: Path) -> str:
         _write_raw(storage, record.raw)
     if record.rectified is not None:
         _write_rectified(storage, record.rectified, alone=record.raw is None)
-    return str(storage.releaseAndGetString())
+    return {path: str(storage.releaseAndGetString())}
 
 
 def _write_raw(storage: cv2.FileStorage, rig: StereoCalibration) -> None:
@@ -193,12 +194,8 @@ def _write_raw(storage: cv2.FileStorage, rig: StereoCalibration) -> None:
 
 def _write_rectified(storage: cv2.FileStorage, geometry: RectifiedGeometry, *, alone: bool) -> None:
     _write_size(storage, "imageSize" if alone else "newImageSize", geometry.size)
-    f = geometry.focal_px
-    for name, (cx, cy), shift in (
-        ("P1", geometry.centre_left, 0.0),
-        ("P2", geometry.centre_right, -geometry.baseline_m * f),
-    ):
-        storage.write(name, np.array([[f, 0, cx, shift], [0, f, cy, 0], [0, 0, 1, 0]]))
+    for name, P in zip(("P1", "P2"), projections(geometry), strict=True):
+        storage.write(name, P)
 
 
 def _write_size(storage: cv2.FileStorage, name: str, size: tuple[int, int]) -> None:

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from calib.camera import Camera
-from calib.formats.protocol import Array, CalibrationFile, Reader, Writer
+from calib.formats.protocol import CalibrationFile, Reader, Writer
 from calib.formats.record import CalibrationRecord
+from calib.formats.section import Section
 from calib.pose import Pose, nearest_rotation
 from calib.rig import RectifiedGeometry, StereoCalibration
 
@@ -24,59 +22,13 @@ VERSION = 1
 Plain = dict[str, Any]
 
 
-@dataclass(frozen=True)
-class _Section:
-    """An object of the file, and its place for messages."""
-
-    entries: Plain
-    place: str = ""
-
-    def __contains__(self, key: str) -> bool:
-        return self.entries.get(key) is not None
-
-    def value(self, key: str) -> Any:  # noqa: ANN401  JSON
-        if key not in self.entries:
-            raise ValueError(f"there is no {self.place}{key}; got {', '.join(self.entries)}")
-        return self.entries[key]
-
-    def section(self, key: str) -> _Section:
-        value = self.value(key)
-        if not isinstance(value, dict):
-            raise ValueError(f"{self.place}{key} must be an object {{...}}, got {value!r}")  # noqa: TRY004  a user's mistake
-        return _Section(value, f"{self.place}{key}.")
-
-    def array(self, key: str, shape: tuple[int, ...]) -> Array:
-        """Return numbers of a shape, in which -1 stands for any length."""
-        value = self.value(key)
-        try:
-            array = np.array(value, dtype=np.float64)
-        except (TypeError, ValueError) as error:
-            raise ValueError(f"{self.place}{key} must be numbers, got {value!r}") from error
-        if array.ndim != len(shape) or any(
-            wanted not in (-1, came) for wanted, came in zip(shape, array.shape, strict=True)
-        ):
-            raise ValueError(f"{self.place}{key} must have shape {shape}, got {array.shape}")
-        return array
-
-    def number(self, key: str) -> float:
-        return float(self.array(key, ()))
-
-    def pair(self, key: str) -> tuple[float, float]:
-        first, second = self.array(key, (2,)).tolist()
-        return first, second
-
-    def size(self, key: str) -> tuple[int, int]:
-        width, height = self.pair(key)
-        return int(width), int(height)
-
-
 def _recognises(file: CalibrationFile) -> bool:
     return file.text.lstrip().startswith("{") and MARK in file.text
 
 
 def _read(file: CalibrationFile) -> CalibrationRecord:
     try:
-        content = _Section(json.loads(file.text))
+        content = Section(json.loads(file.text))
     except json.JSONDecodeError as error:
         raise ValueError(f"not valid JSON ({error}); is the file cut off?") from error
     version = content.value("version")
@@ -91,7 +43,7 @@ def _read(file: CalibrationFile) -> CalibrationRecord:
     return CalibrationRecord(raw, rectified, file.path, NAME, disparities=disparities)
 
 
-def _rig(section: _Section) -> StereoCalibration:
+def _rig(section: Section) -> StereoCalibration:
     pose = section.section("right_from_left")
     R = nearest_rotation(pose.array("R", (3, 3)))
     return StereoCalibration(
@@ -101,7 +53,7 @@ def _rig(section: _Section) -> StereoCalibration:
     )
 
 
-def _camera(section: _Section) -> Camera:
+def _camera(section: Section) -> Camera:
     return Camera(
         size=section.size("size_px"),
         K=section.array("K_px", (3, 3)),
@@ -110,7 +62,7 @@ def _camera(section: _Section) -> Camera:
     )
 
 
-def _geometry(section: _Section) -> RectifiedGeometry:
+def _geometry(section: Section) -> RectifiedGeometry:
     return RectifiedGeometry(
         size=section.size("size_px"),
         focal_px=section.number("focal_px"),
@@ -120,7 +72,7 @@ def _geometry(section: _Section) -> RectifiedGeometry:
     )
 
 
-def _render(record: CalibrationRecord, _path: Path) -> str:
+def _render(record: CalibrationRecord, path: Path) -> dict[Path, str]:
     content: Plain = {"format": MARK, "version": VERSION}
     if record.raw is not None:
         content["raw"] = _plain_rig(record.raw)
@@ -128,7 +80,7 @@ def _render(record: CalibrationRecord, _path: Path) -> str:
         content["rectified"] = _plain_geometry(record.rectified)
     if record.disparities is not None:
         content["disparities_px"] = [record.disparities.start, record.disparities.stop]
-    return json.dumps(content, indent=2) + "\n"
+    return {path: json.dumps(content, indent=2) + "\n"}
 
 
 def _plain_rig(rig: StereoCalibration) -> Plain:

@@ -80,6 +80,26 @@ class CalibrationFile:
             f"{unit}; give unit='m', 'cm' or 'mm' if it is another",
         )
 
+    def metres_as_defined(self, baseline: float, tool: str) -> float:
+        """Return the factor to metres for a format that is in metres, unless the caller knows more.
+
+        Calibration tools ask for the size of the target in metres, and people give millimetres.
+
+        Args:
+            baseline: distance of the cameras as the file has it.
+            tool: whose format it is, for the message.
+
+        Raises:
+            ValueError: if the baseline is too long for metres and the caller gave no unit.
+        """
+        if self.unit is None and baseline > LONGEST_IN_METRES:
+            raise ValueError(
+                f"the cameras stand {baseline:g} m apart, as {tool} files are in metres; was the "
+                "size of the calibration target given in mm or cm? Then give unit='mm' or 'cm', "
+                "otherwise unit='m'"
+            )
+        return METRES[self.unit or "m"]
+
 
 @dataclass(frozen=True)
 class Reader:
@@ -102,12 +122,13 @@ class Writer:
     """One format that can be written.
 
     Attributes:
-        suffixes: endings of file names that stand for it.
-        render: the text of a record; raises ValueError if the format cannot hold it.
+        suffixes: endings that its file names may have.
+        render: the text of every file that a record becomes, by where it goes; raises ValueError
+            if the format cannot hold the record or the files cannot be called so.
     """
 
     suffixes: tuple[str, ...]
-    render: Callable[[CalibrationRecord, Path], str]
+    render: Callable[[CalibrationRecord, Path], dict[Path, str]]
 
 
 def as_numbers(text: str, count: int, name: str) -> Array:

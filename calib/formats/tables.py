@@ -4,13 +4,17 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from calib.formats.colmap import COLMAP_READER, COLMAP_WRITER
 from calib.formats.k_txt import K_TXT_READER
-from calib.formats.kitti import KITTI_READER
+from calib.formats.kalibr import KALIBR_READER, KALIBR_WRITER
+from calib.formats.kitti import KITTI_READER, KITTI_WRITER
 from calib.formats.middlebury import MIDDLEBURY_READER, MIDDLEBURY_WRITER
 from calib.formats.opencv import OPENCV_READER, OPENCV_WRITER
 from calib.formats.own_json import OWN_JSON_READER, OWN_JSON_WRITER
 from calib.formats.protocol import CalibrationFile, LengthUnit, Reader, Writer
 from calib.formats.record import CalibrationRecord
+from calib.formats.ros import ROS_READER
+from calib.formats.ros_writing import ROS_WRITER
 from calib.formats.tagged_xml import TAGGED_XML_READER
 from calib.rig import RectifiedGeometry, StereoCalibration
 
@@ -20,15 +24,23 @@ __all__ = ["READERS", "WRITERS", "read_calibration", "write_calibration"]
 READERS: dict[str, Reader] = {
     "json": OWN_JSON_READER,
     "tagged_xml": TAGGED_XML_READER,
+    "kalibr": KALIBR_READER,
+    "ros": ROS_READER,
     "opencv": OPENCV_READER,
     "middlebury": MIDDLEBURY_READER,
     "kitti": KITTI_READER,
+    "colmap": COLMAP_READER,
     "k_txt": K_TXT_READER,
 }
+# The first whose endings fit writes a file of which no format is given.
 WRITERS: dict[str, Writer] = {
     "json": OWN_JSON_WRITER,
     "opencv": OPENCV_WRITER,
     "middlebury": MIDDLEBURY_WRITER,
+    "ros": ROS_WRITER,
+    "kalibr": KALIBR_WRITER,
+    "kitti": KITTI_WRITER,
+    "colmap": COLMAP_WRITER,
 }
 
 
@@ -66,31 +78,63 @@ def read_calibration(
 
 
 def write_calibration(
-    path: str | Path, calibration: CalibrationRecord | StereoCalibration | RectifiedGeometry
+    path: str | Path,
+    calibration: CalibrationRecord | StereoCalibration | RectifiedGeometry,
+    *,
+    format: str | None = None,
 ) -> None:
-    """Write a calibration file, in the format that the ending of its name stands for.
+    """Write a calibration file, or the two files of a format that has one for each camera.
 
-    The file appears whole or not at all: it is written under another name, then renamed.
+    They appear whole or not at all: they are written under other names, then renamed.
 
     Args:
-        path: .json (this project's own, exact), .yml, .yaml or .xml (OpenCV), or .txt
-            (Middlebury, rectified geometry only).
+        path: where; for a format of two files either of them, the other goes beside it.
         calibration: what to write.
+        format: a key of `WRITERS`. None takes what the ending of the name stands for: .json
+            (this project's own, exact), .yml, .yaml or .xml (OpenCV), or .txt (Middlebury,
+            rectified geometry only).
 
     Raises:
         FileNotFoundError: if the folder does not exist.
-        ValueError: if the ending is unknown or the format cannot hold the calibration.
+        ValueError: if the format or the ending is unknown, or the format cannot hold the
+            calibration.
     """
     path = Path(path)
-    if not path.parent.is_dir():
-        raise FileNotFoundError(f"there is no folder {path.parent} to write {path.name} in")
-    text = _writer(path).render(_as_record(calibration, path), path)
-    partial = path.with_name(f".{path.name}.partial")
+    texts = _writer(path, format).render(_as_record(calibration, path), path)
+    for place in texts:
+        if not place.parent.is_dir():
+            raise FileNotFoundError(f"there is no folder {place.parent} to write {place.name} in")
+    _write_all(texts)
+
+
+def _write_all(texts: dict[Path, str]) -> None:
+    """Write all files or none."""
+    partials = {path: path.with_name(f".{path.name}.partial") for path in texts}
     try:
-        partial.write_text(text, encoding="utf-8")
-        partial.replace(path)
+        for path, partial in partials.items():
+            partial.write_text(texts[path], encoding="utf-8")
+        _rename_all(partials)
     finally:
-        partial.unlink(missing_ok=True)
+        for partial in partials.values():
+            partial.unlink(missing_ok=True)
+
+
+def _rename_all(partials: dict[Path, Path]) -> None:
+    """Put all files in their places; if one fails, put the older ones back."""
+    older = {path: path.read_bytes() if path.exists() else None for path in partials}
+    renamed: list[Path] = []
+    try:
+        for path, partial in partials.items():
+            partial.replace(path)
+            renamed.append(path)
+    except BaseException:
+        for path in renamed:
+            content = older[path]
+            if content is None:
+                path.unlink()
+            else:
+                path.write_bytes(content)
+        raise
 
 
 def _reader(file: CalibrationFile) -> Reader:
@@ -105,12 +149,16 @@ def _reader(file: CalibrationFile) -> Reader:
     )
 
 
-def _writer(path: Path) -> Writer:
-    for writer in WRITERS.values():
+def _writer(path: Path, format: str | None) -> Writer:
+    if format is not None and format not in WRITERS:
+        raise ValueError(f"format must be one of {', '.join(WRITERS)}; got {format!r}")
+    writers = list(WRITERS.values()) if format is None else [WRITERS[format]]
+    for writer in writers:
         if path.suffix.lower() in writer.suffixes:
             return writer
-    endings = ", ".join(suffix for writer in WRITERS.values() for suffix in writer.suffixes)
-    raise ValueError(f"{path}: a calibration file ends in {endings}; got {path.suffix!r}")
+    endings = ", ".join(dict.fromkeys(suffix for writer in writers for suffix in writer.suffixes))
+    kind = "calibration" if format is None else f"{format} calibration"
+    raise ValueError(f"{path}: a {kind} file ends in {endings}; got {path.suffix!r}")
 
 
 def _as_record(

@@ -57,7 +57,8 @@ def pair(  # noqa: PLR0913  every one is an option of the command
     Args:
         left: picture of the left camera.
         right: picture of the right camera; left out if the first shows both side by side.
-        calib: calibration: Middlebury, KITTI, K.txt, OpenCV YAML or XML, or our JSON.
+        calib: calibration: Middlebury, KITTI, K.txt, OpenCV YAML or XML, ROS camera_info (either
+            file), Kalibr camchain, COLMAP cameras.txt or rig_config.json, or our JSON.
         out: folder for the results.
         preset: name of a preset (see `reconstruct presets`), path of a TOML file, or auto: the
             most accurate one that this machine can run within a minute.

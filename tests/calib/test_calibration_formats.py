@@ -11,7 +11,7 @@ from calib import (
     read_calibration,
     write_calibration,
 )
-from calib.formats import READERS, WRITERS
+from calib.formats import READERS, WRITERS, CalibrationFile
 
 GEOMETRY = RectifiedGeometry((640, 480), 511.3, (311.25, 243.5), (318.75, 243.5), 0.1234)
 
@@ -236,6 +236,76 @@ def test_an_interrupted_writing_leaves_the_older_file_alone(tmp_path, monkeypatc
 def test_a_place_that_cannot_be_written_is_refused(name, error, message, tmp_path):
     with pytest.raises(error, match=message):
         write_calibration(tmp_path / name, GEOMETRY)
+
+
+@pytest.mark.parametrize(
+    ("name", "format", "message"),
+    [
+        ("calib.yaml", "yaml", "format must be one of json, opencv, middlebury, .*; got 'yaml'"),
+        ("left.txt", "ros", r"a ros calibration file ends in .yaml, .yml; got '.txt'"),
+        ("calib.yaml", "json", r"a json calibration file ends in .json; got '.yaml'"),
+    ],
+)
+def test_a_format_that_does_not_fit_is_refused(name, format, message, tmp_path):
+    with pytest.raises(ValueError, match=message):
+        write_calibration(tmp_path / name, GEOMETRY, format=format)
+    assert list(tmp_path.iterdir()) == []
+
+
+NAMES = {
+    "json": "calib.json",
+    "opencv": "left.yaml",
+    "middlebury": "calib.txt",
+    "ros": "left.yaml",
+    "kalibr": "left.yaml",
+    "kitti": "calib.txt",
+    "colmap": "cameras.txt",
+}
+
+
+@pytest.mark.parametrize(
+    ("format", "raw"),
+    [*((name, False) for name in NAMES), *((name, True) for name in NAMES if name != "middlebury")],
+)
+def test_a_written_file_is_told_from_all_other_formats(format, raw, make_rig, tmp_path):
+    path = tmp_path / NAMES[format]
+
+    write_calibration(path, make_rig("four") if raw else GEOMETRY, format=format)
+
+    assert read_calibration(path).format == format
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        HEAD + SIZE + "distortion_model: plumb_bob\n" + yaml_intrinsics() + yaml_extrinsics(),
+        HEAD + yaml_matrix("camera_matrix", 3, 3, MATRIX_LEFT),
+        yaml_matrix("camera_matrix", 3, 3, MATRIX_LEFT),
+    ],
+    ids=["head", "one_camera", "no_head"],
+)
+def test_opencvs_yaml_is_told_from_ros(text, write):
+    file = CalibrationFile(write(text), text)
+
+    assert [name for name, reader in READERS.items() if reader.recognises(file)] == ["opencv"]
+
+
+@pytest.mark.parametrize("older", [("left.yaml", "right.yaml"), ("right.yaml",), ()])
+def test_two_files_are_written_both_or_neither(older, tmp_path, monkeypatch):
+    for name in older:
+        (tmp_path / name).write_text("older")
+    replace_file = Path.replace
+
+    def fail_at_the_second(path, target):
+        if target.name == "right.yaml":
+            raise OSError("disk is gone")
+        return replace_file(path, target)
+
+    monkeypatch.setattr(Path, "replace", fail_at_the_second)
+    with pytest.raises(OSError, match="disk is gone"):
+        write_calibration(tmp_path / "left.yaml", GEOMETRY, format="ros")
+    assert sorted(entry.name for entry in tmp_path.iterdir()) == sorted(older)
+    assert all((tmp_path / name).read_text() == "older" for name in older)
 
 
 def test_opencv_files_hold_one_lens_model_only(make_rig, make_camera, tmp_path):
@@ -653,3 +723,4 @@ def test_bytes_that_are_no_text_are_an_unknown_format(tmp_path):
 
 def test_every_written_format_can_be_read():
     assert WRITERS.keys() <= READERS.keys()
+    assert WRITERS.keys() == NAMES.keys()
