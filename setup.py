@@ -7,7 +7,10 @@ setup(
     package_dir={"recon.sample": "data"},
     package_data={
         "calib": ["py.typed"],
-        "recon": ["py.typed", "presets/*.toml", "weights/*", "evaluation/report/*.j2", "calibration/*.j2"],
+        "recon": [
+            *("py.typed", "presets/*.toml", "weights/*"),
+            *("evaluation/report/*.j2", "calibration/*.j2"),
+        ],
         "recon.sample": ["*/*", "README.md"],
     },
 )

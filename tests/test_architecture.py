@@ -54,6 +54,7 @@ ONLY_IN = {
     "pydantic": ("recon.settings",),
     "trimesh": ("recon.files",),
     "safetensors": ("recon.networks",),
+    "yaml": ("calib.formats",),
     "jinja2": ("recon.evaluation", "recon.calibration"),
 }
 NEVER_IN = {
@@ -167,7 +168,7 @@ def test_cameras_know_nothing_of_reconstruction():
     assert not [o for others in wrong.values() for o in others if o.split(".")[0] == "recon"]
 
 
-def test_cameras_need_numpy_and_opencv_only():
+def test_cameras_need_numpy_opencv_and_yaml_only():
     roots = {
         other.split(".")[0]
         for name in FILES
@@ -175,7 +176,7 @@ def test_cameras_need_numpy_and_opencv_only():
         for other in all_imports(name)
     }
 
-    assert roots - sys.stdlib_module_names == {"calib", "numpy", "cv2"}
+    assert roots - sys.stdlib_module_names == {"calib", "numpy", "cv2", "yaml"}
 
 
 def test_no_module_imports_itself_by_a_detour():

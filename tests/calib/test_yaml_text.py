@@ -33,6 +33,7 @@ TEXTS = {
     "tags": ("m: !!opencv-matrix\n  rows: 3\n", {"m": {"rows": 3}}),
     "first_document": ("%YAML 1.2\n---\na: 1\n---\na: 2\n", {"a": 1}),
     "windows": ("a: 1\r\nb:\r\n  c: 2\r\n", {"a": 1, "b": {"c": 2}}),
+    "aliases": ("a: &x [1]\nb: *x\n", {"a": [1], "b": [1]}),
     "nothing": ("# only a comment\n", None),
 }  # fmt: skip
 
@@ -43,19 +44,16 @@ def test_what_calibration_tools_write_is_read(text, expected):
 
 
 ERRORS = {
-    "open_bracket": ("a: 1\nb: [1,\n2", "line 2 opens a bracket that is never closed; is the file"),
-    "tab": ("a:\n\tb: 1\n", "line 2 is indented with a tab"),
+    "open_bracket": ("a: 1\nb: [1,\n2", "line 3: .*cut off"),
+    "tab": ("a:\n\tb: 1\n", "line 2: .*token"),
     "twice": ("a: 1\na: 2\n", "line 2: a is there twice"),
-    "no_key": ("a: 1\nword\n", "line 2: expected 'key: value', got 'word'"),
-    "two_words": ("word\nanother\n", "line 2: expected 'key: value' above, got 'word'"),
-    "half_indented": ("a:\n    b: 1\n  c: 2\n", "line 3 is indented by 2 blanks, which fits none"),
-    "value_and_block": ("a: 1\n  b: 2\n", "line 2 is indented, but a has a value above"),
-    "alias": ("a: &x [1]\nb: *x\n", "line 1 holds an anchor .* write the value itself"),
-    "wrong_bracket": ("a: [1, 2}\n", "line 1: expected ',', got '}'"),
-    "no_comma": ("a: [[1] [2]]\n", r"line 1: expected ',', got '\['"),
-    "behind": ("a: [1] [2]\n", r"line 1: '\[' stands behind the closing bracket"),
-    "item_in_mapping": ("- 1\nb: 2\n", "line 2: expected '- value', got 'b: 2'"),
-    "no_colon": ("a: {b 1}\n", "line 1: expected ':', got '}'"),
+    "no_key": ("a: 1\nword\n", "line 3: .*':'"),
+    "half_indented": ("a:\n    b: 1\n  c: 2\n", "line 3: "),
+    "value_and_block": ("a: 1\n  b: 2\n", "line 2: "),
+    "no_such_alias": ("b: *x\n", "line 1: .*alias"),
+    "wrong_bracket": ("a: [1, 2}\n", "line 1: .*got '}'"),
+    "item_in_mapping": ("- 1\nb: 2\n", "line 2: "),
+    "control": ("a: \x01\n", "it is not YAML"),
 }
 
 
