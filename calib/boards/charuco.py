@@ -105,6 +105,13 @@ class Charuco:
         return best if len(best) >= FEWEST_CORNERS else None
 
     @cached_property
+    def pattern(self) -> cv2.aruco.CharucoBoard:
+        """The board as OpenCV knows it, which also draws it."""
+        size = (self.columns, self.rows)
+        markers = _dictionary(self.dictionary)
+        return cv2.aruco.CharucoBoard(size, self.square_m, self.marker_m, markers)
+
+    @cached_property
     def _markers(self) -> cv2.aruco.ArucoDetector:
         return cv2.aruco.ArucoDetector(_dictionary(self.dictionary))
 
@@ -112,12 +119,9 @@ class Charuco:
     def _detectors(self) -> tuple[cv2.aruco.CharucoDetector, ...]:
         markers = _dictionary(self.dictionary)
         size = (self.columns, self.rows)
-        detectors = []
-        for legacy in (False, True)[: 2 if self.rows % 2 == 0 else 1]:
-            board = cv2.aruco.CharucoBoard(size, self.square_m, self.marker_m, markers)
-            board.setLegacyPattern(legacy)
-            detectors.append(cv2.aruco.CharucoDetector(board))
-        return tuple(detectors)
+        old = cv2.aruco.CharucoBoard(size, self.square_m, self.marker_m, markers)
+        old.setLegacyPattern(True)
+        return tuple(cv2.aruco.CharucoDetector(board) for board in (self.pattern, old))
 
 
 def _dictionary(name: str) -> cv2.aruco.Dictionary:

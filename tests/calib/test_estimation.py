@@ -5,9 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from rendered_boards import board_poses, make_rig, views_of
 
 from calib.boards import Corners, board_named
+from calib.boards.generated import random_poses, random_rig, seen_corners
 from calib.camera import Camera
 from calib.estimation import LENSES, BoardView, estimate_rig, judge
 from calib.estimation.adjustment import Bundle, Sighting, adjust, rms
@@ -21,10 +21,23 @@ def lens_of(rig):
     return "fisheye" if rig.left.model == "fisheye" else "pinhole"
 
 
+def views_of(rig, poses, noise_px, seed):
+    """Return what both cameras see of the board in all poses."""
+    views = []
+    for number, pose in enumerate(poses):
+        at_right = rig.right_from_left @ pose
+        left = seen_corners(BOARD, rig.left, pose, noise_px=noise_px, seed=1000 * seed + 2 * number)
+        right = seen_corners(
+            BOARD, rig.right, at_right, noise_px=noise_px, seed=1000 * seed + 2 * number + 1
+        )
+        views.append(BoardView(f"{number:02d}.png", left, right))
+    return views
+
+
 def scene(model="pinhole", count=10, noise_px=0.0, seed=0, tilt_deg=40.0):
-    rig = make_rig(SIZE, model, seed=seed)
-    poses = board_poses(BOARD, rig, count, seed=seed + 100, tilt_deg=tilt_deg)
-    return rig, views_of(BOARD, rig, poses, noise_px, seed=seed + 200)
+    rig = random_rig(SIZE, model, seed=seed)
+    poses = random_poses(BOARD, rig, count, seed=seed + 100, tilt_deg=tilt_deg)
+    return rig, views_of(rig, poses, noise_px, seed)
 
 
 @pytest.fixture(scope="module")

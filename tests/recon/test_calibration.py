@@ -1,16 +1,13 @@
 """`reconstruct calibrate`: from photographs on disk to a rig and its report."""
 
 import json
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-sys.path.insert(0, str(Path(__file__).parent.parent / "calib"))
-from rendered_boards import board_poses, make_rig, photograph
-
 from calib.boards import board_named
+from calib.boards.generated import photograph, random_poses, random_rig
 from calib.formats import read_calibration
 from recon.calibration import calibrate
 from recon.calibration.photographs import pair_by_name, photographs
@@ -23,7 +20,7 @@ SIZE = (400, 300)
 
 @pytest.fixture(scope="module")
 def rig():
-    return make_rig(SIZE, seed=3)
+    return random_rig(SIZE, seed=3)
 
 
 @pytest.fixture(scope="module")
@@ -33,7 +30,7 @@ def folder(rig, tmp_path_factory):
     board = board_named(BOARD)
     for side in ("left", "right"):
         (place / side).mkdir()
-    for number, pose in enumerate(board_poses(board, rig, 8, seed=1)):
+    for number, pose in enumerate(random_poses(board, rig, 8, seed=1)):
         views = (rig.left, pose), (rig.right, rig.right_from_left @ pose)
         for side, (camera, at) in zip(("left", "right"), views, strict=True):
             image = photograph(board, camera, at, seed=number)
