@@ -15,7 +15,7 @@ from typing import Any
 
 from calib.camera import Camera
 from calib.formats.colmap_values import camera_from, parameters_of, quaternion_of, rotation_from
-from calib.formats.protocol import METRES, CalibrationFile, Reader, Writer, as_numbers
+from calib.formats.protocol import METRES, SAY_THE_UNIT, CalibrationFile, Reader, Writer, as_numbers
 from calib.formats.record import CalibrationRecord
 from calib.formats.rigs import ALREADY_RECTIFIED, as_rig, left_first, rectified_already
 from calib.formats.section import Section
@@ -31,8 +31,8 @@ HEADS = ("# Camera list with one line", "# Rig calib list with one line")
 CAMERA_WORDS = 3
 POSE_NUMBERS = 7
 UNKNOWN_SCALE = (
-    "COLMAP's unit of length is arbitrary and was taken as metres; give unit='m', 'cm' or 'mm' if "
-    "the model was scaled, or mind that the results have no scale"
+    "COLMAP's unit of length is arbitrary and was taken as metres, so mind that the results have "
+    f"no scale; if the model was scaled, {SAY_THE_UNIT}"
 )
 
 

@@ -12,12 +12,13 @@ import numpy.typing as npt
 
 from calib.formats.record import CalibrationRecord
 
-__all__ = ["CalibrationFile", "LengthUnit", "Reader", "Writer", "as_numbers"]
+__all__ = ["SAY_THE_UNIT", "CalibrationFile", "LengthUnit", "Reader", "Writer", "as_numbers"]
 
 Array = npt.NDArray[np.float64]
 LengthUnit = Literal["m", "cm", "mm"]
 
 METRES: dict[LengthUnit, float] = {"m": 1.0, "cm": 0.01, "mm": 0.001}
+SAY_THE_UNIT = "say the unit with --unit m, cm or mm (unit= in Python)"
 LONGEST_IN_METRES = 10.0
 LONGEST_IN_MILLIMETRES = 10_000.0
 
@@ -72,12 +73,12 @@ class CalibrationFile:
         if baseline > LONGEST_IN_MILLIMETRES:
             raise ValueError(
                 f"the cameras stand {baseline:g} apart in a unit that the file does not say; "
-                "give unit='m', 'cm' or 'mm'"
+                + SAY_THE_UNIT
             )
         unit: LengthUnit = "m" if baseline <= LONGEST_IN_METRES else "mm"
         return METRES[unit], (
             f"the file does not say its unit of length: a baseline of {baseline:g} was taken as "
-            f"{unit}; give unit='m', 'cm' or 'mm' if it is another",
+            f"{unit}; if it is another, {SAY_THE_UNIT}",
         )
 
     def metres_as_defined(self, baseline: float, tool: str) -> float:
@@ -95,8 +96,7 @@ class CalibrationFile:
         if self.unit is None and baseline > LONGEST_IN_METRES:
             raise ValueError(
                 f"the cameras stand {baseline:g} m apart, as {tool} files are in metres; was the "
-                "size of the calibration target given in mm or cm? Then give unit='mm' or 'cm', "
-                "otherwise unit='m'"
+                f"size of the calibration target given in mm or cm? Then {SAY_THE_UNIT}"
             )
         return METRES[self.unit or "m"]
 

@@ -9,6 +9,7 @@ from typing import Any, NoReturn
 import tyro
 
 from recon.cli.calibrate import calibrate
+from recon.cli.convert import convert
 from recon.cli.evaluate import evaluate
 from recon.cli.look import presets, view
 from recon.cli.pair import demo, pair
@@ -22,6 +23,7 @@ COMMANDS: dict[str, Callable[..., Any]] = {
     "pair": pair,
     "demo": demo,
     "calibrate": calibrate,
+    "convert": convert,
     "evaluate": evaluate,
     "presets": presets,
     "train": train,

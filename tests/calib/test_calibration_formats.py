@@ -640,7 +640,7 @@ ERRORS = {
     ),
     "long_baseline": (
         opencv(yaml_intrinsics() + yaml_extrinsics((-20_000, 0, 0))),
-        "stand 20000 apart in a unit that the file does not say; give unit=",
+        "stand 20000 apart in a unit that the file does not say; say the unit with --unit",
     ),
     "unknown_unit": (
         opencv("unit: inch\n" + yaml_intrinsics() + yaml_extrinsics()),
