@@ -15,6 +15,7 @@ ROWS = (
     ("calib.pair", "recon.confidence"),
     (
         "calib.rectify",
+        "calib.epipolar",
         "recon.matching_cost",
         "recon.aggregation",
         "recon.optimisation",
@@ -23,7 +24,7 @@ ROWS = (
         "recon.refinement",
         "recon.colours",
     ),
-    ("recon.coarse_to_fine",),
+    ("calib.row_correction", "recon.coarse_to_fine"),
     ("recon.tiles",),
     ("recon.matcher", "recon.triangulation"),
     ("recon.meshing",),
