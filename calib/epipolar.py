@@ -91,12 +91,13 @@ def match_views(left: Image, right: Image) -> Matches:
     Returns:
         As many as there are, perhaps none.
     """
-    greys = [cv2.cvtColor(image, cv2.COLOR_RGB2GRAY) for image in (left, right)]
-    scale = min(1.0, (MOST_PIXELS / greys[0].size) ** 0.5)
-    points, descriptors = zip(*(_keypoints(grey, scale) for grey in greys), strict=True)
-    chosen = _nearest_both_ways(*descriptors)
-    matches = Matches(points[0][chosen[0]], points[1][chosen[1]])
-    return _placed(*greys, _of_one_geometry(matches, scale), scale)
+    grey_left, grey_right = _grey(left), _grey(right)
+    scale = min(1.0, (MOST_PIXELS / grey_left.size) ** 0.5)
+    points_left, descriptors_left = _keypoints(grey_left, scale)
+    points_right, descriptors_right = _keypoints(grey_right, scale)
+    of_left, of_right = _nearest_both_ways(descriptors_left, descriptors_right)
+    matches = Matches(points_left[of_left], points_right[of_right])
+    return _placed(grey_left, grey_right, _of_one_geometry(matches, scale), scale)
 
 
 @dataclass(frozen=True)
@@ -172,13 +173,17 @@ def looks_mirrored(left: Image, right: Image, count: int) -> bool:
     return mirrored >= max(LEAST_MATCHES, MIRROR_GAIN * count)
 
 
+def _grey(image: Image) -> Image:
+    return np.asarray(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), dtype=np.uint8)
+
+
 def _keypoints(grey: Image, scale: float) -> tuple[Array, Descriptors]:
     """Return (N, 2) points in pixels of `grey` and (N, 128) square roots of their descriptors."""
     height, width = grey.shape
     size = max(1, round(width * scale)), max(1, round(height * scale))
     small = cv2.resize(grey, size, interpolation=cv2.INTER_AREA) if scale < 1 else grey
-    stretched = cv2.normalize(small, None, 0, 255, cv2.NORM_MINMAX)
-    sift = cv2.SIFT_create(nfeatures=MOST_POINTS, contrastThreshold=LEAST_CONTRAST)
+    stretched = cv2.normalize(small, np.zeros_like(small), 0, 255, cv2.NORM_MINMAX)
+    sift = cv2.SIFT.create(nfeatures=MOST_POINTS, contrastThreshold=LEAST_CONTRAST)
     found, descriptors = sift.detectAndCompute(stretched, None)
     if not found:
         return np.zeros((0, 2)), np.zeros((0, 128), np.float32)

@@ -1,4 +1,4 @@
-"""The sample pair at half its size, and the same with one camera turned or moved, as it would be."""
+"""The sample pair at half its size, and what it would be if a camera had been turned."""
 
 from functools import cache
 from pathlib import Path
