@@ -36,7 +36,7 @@ class RowCorrection:
     tell it, and a wrong one would spoil the depths.
 
     Attributes:
-        pitch: of the right camera about the x axis (right), radians; positive looks further up.
+        pitch: of the right camera about the x axis (right), radians.
         roll: of the right camera about the z axis (forward), radians.
         baseline_roll: of both cameras about the z axis, radians: the right camera stands higher or
             lower than was thought. 0 unless the matches ask for it.

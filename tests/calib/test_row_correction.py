@@ -4,8 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from lenses import rotation
-from turned import as_raw, with_right_turned, workshop
+from turned import as_raw, rotation, with_right_turned, workshop
 
 from calib import Rectifier
 from calib.epipolar import Matches, match_views

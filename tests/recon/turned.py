@@ -5,13 +5,22 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from lenses import rotation
 
-from calib import RectifiedPair, StereoCalibration, StereoPair, read_calibration
-from calib.camera import Camera
-from calib.pose import Pose
+from calib import (
+    Camera,
+    Pose,
+    RectifiedPair,
+    StereoCalibration,
+    StereoPair,
+    read_calibration,
+)
 
 SAMPLES = Path(__file__).parents[2] / "data"
+
+
+def rotation(*turn):
+    """Return the rotation about the vector `turn` by its length in radians."""
+    return cv2.Rodrigues(np.array(turn, dtype=float))[0]
 
 
 @cache
