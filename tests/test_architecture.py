@@ -25,6 +25,7 @@ ROWS = (
         "recon.colours",
     ),
     ("calib.row_correction", "recon.coarse_to_fine"),
+    ("calib.uncalibrated",),
     ("recon.tiles",),
     ("recon.matcher", "recon.triangulation"),
     ("recon.meshing",),
@@ -34,6 +35,7 @@ ROWS = (
     ("calib",),  # the names that the package gives to others
     (
         "recon.pairs",
+        "recon.rectification",
         "recon.output",
         "recon.report",
         "recon.timing",

@@ -11,6 +11,7 @@ import tyro
 from recon.cli.evaluate import evaluate
 from recon.cli.look import presets, view
 from recon.cli.pair import demo, pair
+from recon.cli.rectify import rectify
 from recon.cli.terminal import errors
 from recon.cli.train import train, train_regulariser
 
@@ -22,6 +23,7 @@ COMMANDS: dict[str, Callable[..., Any]] = {
     "demo": demo,
     "evaluate": evaluate,
     "presets": presets,
+    "rectify": rectify,
     "train": train,
     "view": view,
 }
