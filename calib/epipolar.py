@@ -31,8 +31,9 @@ LEAST_CONTRAST = 0.02
 RATIO = 0.8  # of the distances to the nearest and the second descriptor
 EPIPOLAR_TOLERANCE_PX = 1.0  # at the size that is searched
 EPIPOLAR_TRIES = 2000
-WINDOW_PX = 15  # that a point is placed by at full size
-SURROUNDINGS_PX = 5.0  # whose mean and contrast are taken out before
+WINDOW_RADIUS_PX = 7  # that a point is placed by, at the size that was searched
+WIDEST_RADIUS_PX = 15  # at full size
+SURROUNDINGS = 0.7  # of this radius: whose mean and contrast are taken out before
 LEAST_DEVIATION = 2.0  # grey levels; less is noise
 FARTHEST_PX = 1.5  # that a point moves, at the size that was searched
 INFINITY_TOLERANCE_PX = 2.0
@@ -227,12 +228,13 @@ def _placed(left: Image, right: Image, matches: Matches, scale: float) -> Matche
     if not len(matches):
         return matches
     start = matches.right.astype(np.float32)
+    radius = min(round(WINDOW_RADIUS_PX / scale), WIDEST_RADIUS_PX)
     moved, found, _ = cv2.calcOpticalFlowPyrLK(
-        _even(left),
-        _even(right),
+        _even(left, SURROUNDINGS * radius),
+        _even(right, SURROUNDINGS * radius),
         matches.left.astype(np.float32),
         start.copy(),
-        winSize=(WINDOW_PX, WINDOW_PX),
+        winSize=(2 * radius + 1, 2 * radius + 1),
         maxLevel=0,
         criteria=(cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 20, 0.01),
         flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
@@ -242,10 +244,10 @@ def _placed(left: Image, right: Image, matches: Matches, scale: float) -> Matche
     return Matches(matches.left[kept], moved[kept].astype(np.float64))
 
 
-def _even(grey: Image) -> Image:
+def _even(grey: Image, radius: float) -> Image:
     """Return the image with the mean and the contrast of every point's surroundings made equal."""
     values = grey.astype(np.float32)
-    values -= cv2.GaussianBlur(values, (0, 0), SURROUNDINGS_PX)
-    deviation = np.sqrt(cv2.GaussianBlur(values * values, (0, 0), SURROUNDINGS_PX))
+    values -= cv2.GaussianBlur(values, (0, 0), radius)
+    deviation = np.sqrt(cv2.GaussianBlur(values * values, (0, 0), radius))
     even = 128 + 50 * values / (deviation + LEAST_DEVIATION)
     return np.clip(even, 0, 255).astype(np.uint8)
