@@ -47,6 +47,16 @@ class TestMatchViews:
         assert found.count > 200
         assert found.mean_absolute_px < 0.15
 
+    def test_what_moved_between_the_photographs_is_left_out(self):
+        right = workshop().right.copy()
+        right[100:180, 100:220] = workshop().right[130:210, 100:220]
+
+        found = residual(workshop().left, right)
+
+        assert found.count > 300
+        assert found.mean_absolute_px < 0.1
+        assert found.p95_px < 0.5
+
     def test_large_pictures_are_searched_small_and_measured_at_full_size(self):
         left, right = (
             cv2.resize(image, None, fx=4, fy=4, interpolation=cv2.INTER_CUBIC)

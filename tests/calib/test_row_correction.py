@@ -74,6 +74,14 @@ class TestEstimate:
 
         assert not found.changes
 
+    def test_a_gain_of_hundredths_of_a_pixel_is_not_worth_a_change(self, rng):
+        turn = (0.03 / GEOMETRY.focal_px, 0, 0)
+
+        found = estimate_row_correction(made(rng, turn=turn, noise_px=0.003), GEOMETRY)
+
+        assert found.before_px == pytest.approx(0.03, abs=0.003)
+        assert not found.changes
+
     def test_a_few_matches_change_nothing(self, rng):
         assert not estimate_row_correction(made(rng, 30, turn=(0.02, 0, 0)), GEOMETRY).changes
         none = Matches(np.zeros((0, 2)), np.zeros((0, 2)))
