@@ -4,21 +4,30 @@ from __future__ import annotations
 
 import shutil
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from calib.formats import write_calibration
+from calib.pair import RectifiedPair
 from recon.files import (
     write_depth_png,
     write_disparity_png,
     write_glb,
+    write_image,
     write_pfm,
     write_ply,
     write_status_png,
 )
 from recon.pipeline import Reconstruction
 
-__all__ = ["OUTPUTS", "all_or_nothing", "write_results"]
+__all__ = [
+    "OUTPUTS",
+    "RECTIFIED_OUTPUTS",
+    "all_or_nothing",
+    "write_rectified",
+    "write_results",
+]
 
 OUTPUTS = {
     "disparity.pfm": "disparity of the left view in pixels, float; inf where there is none",
@@ -32,17 +41,20 @@ OUTPUTS = {
     "run.json": "settings, versions, times, counts and the metric sanity line",
 }
 
+RECTIFIED_OUTPUTS = ("left.png", "right.png", "rig.json")
+
 
 @contextmanager
-def all_or_nothing(folder: Path) -> Iterator[Path]:
+def all_or_nothing(folder: Path, outputs: Collection[str] = OUTPUTS) -> Iterator[Path]:
     """Give a new folder inside `folder`; its files move into `folder` if nothing went wrong.
 
-    Then those of `OUTPUTS` that an earlier run left and this one did not make are removed: a
+    Then those of `outputs` that an earlier run left and this one did not make are removed: a
     recording beside the mesh of another run would mislead. If something went wrong, `folder` and
     its parents are as before, or missing as before.
 
     Args:
         folder: made if it does not exist.
+        outputs: names of the files that are meant to be written.
 
     Yields:
         Where to write.
@@ -55,13 +67,13 @@ def all_or_nothing(folder: Path) -> Iterator[Path]:
     try:
         try:
             made = [place for place in (folder, *folder.parents) if not place.exists()]
-            unfinished = _writable(folder)
+            unfinished = _writable(folder, outputs)
         except OSError as error:
             raise ValueError(
                 f"cannot write to {folder}: {error.strerror}; choose another folder with -o"
             ) from error
         yield unfinished
-        _moved(unfinished, folder)
+        _moved(unfinished, folder, outputs)
         made = []
     finally:
         if unfinished is not None:
@@ -71,23 +83,23 @@ def all_or_nothing(folder: Path) -> Iterator[Path]:
                 place.rmdir()
 
 
-def _writable(folder: Path) -> Path:
+def _writable(folder: Path, outputs: Collection[str]) -> Path:
     """Return a new folder inside `folder`, so on the same disk; make `folder` if need be."""
     if folder.exists() and not folder.is_dir():
         raise ValueError(f"{folder} is a file; give a folder to write to")
-    in_the_way = [name for name in OUTPUTS if (folder / name).is_dir()]
+    in_the_way = [name for name in outputs if (folder / name).is_dir()]
     if in_the_way:
         raise ValueError(f"{folder / in_the_way[0]} is a folder; a file of this name is written")
     folder.mkdir(parents=True, exist_ok=True)
     return Path(tempfile.mkdtemp(prefix=".unfinished-", dir=folder))
 
 
-def _moved(unfinished: Path, folder: Path) -> None:
+def _moved(unfinished: Path, folder: Path, outputs: Collection[str]) -> None:
     """Move the files of one folder into another, in place of those of an earlier run."""
     names = sorted(path.name for path in unfinished.iterdir())
     for name in names:
         (unfinished / name).replace(folder / name)
-    for name in OUTPUTS.keys() - set(names):
+    for name in set(outputs) - set(names):
         (folder / name).unlink(missing_ok=True)
 
 
@@ -114,3 +126,15 @@ def write_results(folder: Path, result: Reconstruction) -> None:
     write_ply(folder / "cloud.ply", result.cloud)
     write_glb(folder / "mesh.glb", result.mesh)
     write_glb(folder / "mesh_vertex_colours.glb", result.mesh, vertex_colours=True)
+
+
+def write_rectified(folder: Path, pair: RectifiedPair) -> None:
+    """Write `RECTIFIED_OUTPUTS`: both views and their geometry, for `read_pair`.
+
+    Args:
+        folder: exists.
+        pair: rectified.
+    """
+    write_image(folder / "left.png", pair.left)
+    write_image(folder / "right.png", pair.right)
+    write_calibration(folder / "rig.json", pair.geometry)

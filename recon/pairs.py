@@ -9,9 +9,11 @@ from pathlib import Path
 from calib.formats import CalibrationRecord, read_calibration
 from calib.pair import Image, RectifiedPair, StereoPair
 from calib.rectify import Rectifier
+from calib.uncalibrated import EstimatedRig, estimate_rig, focal_px_of
 from recon.files import read_image_pair, read_side_by_side
+from recon.files.exif import focal_length_35mm
 
-__all__ = ["PairOnDisk", "RangeRequest", "read_pair"]
+__all__ = ["PairOnDisk", "RangeRequest", "read_pair", "read_uncalibrated_pair"]
 
 LEAST_CONTRAST = 1.0
 
@@ -25,12 +27,14 @@ class PairOnDisk:
         disparities: the range that the calibration suggests; None if it says nothing.
         inputs: the files it was read from, and how they were taken.
         notes: what a person should know, in sentences.
+        metric: whether lengths are metres; if not, the baseline is 1.
     """
 
     pair: StereoPair | RectifiedPair
     disparities: range | None
     inputs: dict[str, str]
     notes: tuple[str, ...]
+    metric: bool = True
 
 
 def read_pair(
@@ -55,15 +59,7 @@ def read_pair(
         FileNotFoundError: if a file is missing.
         ValueError: if a file is not what it should be; the message names it.
     """
-    if not 0 < scale <= 4:
-        raise ValueError(f"scale must lie between 0 and 4, got {scale}")
-    images = read_image_pair(left, right) if right is not None else read_side_by_side(left)
-    for image, path in zip(images, (left, right or left), strict=True):
-        if image.std() < LEAST_CONTRAST:
-            raise ValueError(
-                f"{path} shows one colour only (standard deviation {image.std():.2f} of 255); "
-                "was a lens covered, or the exposure far off?"
-            )
+    images = _read_images(left, right, scale)
     height, width = images[0].shape[:2]
     record = read_calibration(calibration, image_size=(width, height))
     pair, notes = _with_calibration(images, record, rectified)
@@ -80,6 +76,72 @@ def read_pair(
         pair = _resized(pair, scale)
         disparities = _scaled(disparities, pair.left.shape[1] / width)
     return PairOnDisk(pair, disparities, inputs, notes)
+
+
+def read_uncalibrated_pair(
+    left: str | Path, right: str | Path | None, *, scale: float = 1.0
+) -> PairOnDisk:
+    """Read two photographs of one camera and estimate from them how it was moved.
+
+    Lengths are in baselines, the distance between the two places; nothing is metric.
+
+    Args:
+        left: picture from the left.
+        right: picture from the right; None if `left` shows both side by side.
+        scale: the rectified pair is resized by this, its geometry with it.
+
+    Raises:
+        FileNotFoundError: if a file is missing.
+        ValueError: if a file is not what it should be, or the pictures do not tell the geometry.
+    """
+    images = _read_images(left, right, scale)
+    height, width = images[0].shape[:2]
+    # Of two views in one picture the note, if any, is for a sensor of another shape.
+    focal_35mm = focal_length_35mm(left) if right is not None else None
+    focal_px = focal_px_of(focal_35mm, (width, height)) if focal_35mm else None
+    found = estimate_rig(*images, focal_px=focal_px)
+    pair: StereoPair | RectifiedPair = StereoPair(*images, found.calibration)
+    focal = f"{found.calibration.left.K[0, 0]:.0f} px, {_focal_source(found, focal_35mm)}"
+    inputs = {
+        "left": str(left),
+        "right": str(right if right is not None else left),
+        "calibration": f"none: estimated from {found.count} matches",
+        "focal length": focal,
+        "taken as": "raw",
+        "scale": str(scale),
+    }
+    notes = (
+        f"the cameras were estimated from {found.count} matches, which lie {found.residual_px:.2f} "
+        f"px from their epipolar lines in the median; focal length {focal}",
+    )
+    if scale != 1.0:
+        pair = _resized(pair, scale)
+    return PairOnDisk(pair, None, inputs, notes, metric=False)
+
+
+def _focal_source(found: EstimatedRig, focal_35mm: float | None) -> str:
+    """Return where the focal length of an estimate comes from, in words."""
+    if found.focal_from == "given":
+        return f"from the EXIF note of a {focal_35mm} mm lens (35 mm equivalent)"
+    if found.focal_from == "matches":
+        return "from the matches"
+    return (
+        "a guess, a 35 mm lens (35 mm equivalent): if it is wrong, depth is stretched against width"
+    )
+
+
+def _read_images(left: str | Path, right: str | Path | None, scale: float) -> tuple[Image, Image]:
+    """Read both views, which must show something."""
+    if not 0 < scale <= 4:
+        raise ValueError(f"scale must lie between 0 and 4, got {scale}")
+    images = read_image_pair(left, right) if right is not None else read_side_by_side(left)
+    for image, path in zip(images, (left, right or left), strict=True):
+        if image.std() < LEAST_CONTRAST:
+            raise ValueError(
+                f"{path} shows one colour only (standard deviation {image.std():.2f} of 255); "
+                "was a lens covered, or the exposure far off?"
+            )
+    return images
 
 
 def _with_calibration(

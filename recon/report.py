@@ -16,7 +16,14 @@ from recon.pipeline import Reconstruction
 from recon.settings import Preset, spelled_out
 from recon.types import Array, PixelStatus
 
-__all__ = ["run_report", "sanity_line", "status_counts", "versions"]
+__all__ = [
+    "UNITS",
+    "UNITS_WITHOUT_CALIBRATION",
+    "run_report",
+    "sanity_line",
+    "status_counts",
+    "versions",
+]
 
 PACKAGES = (
     "stereo-recon",
@@ -28,10 +35,20 @@ PACKAGES = (
     "trimesh",
     "rerun-sdk",
 )
+UNITS = "metres"
+UNITS_WITHOUT_CALIBRATION = (
+    "NOT METRIC: all lengths are in baselines, the unknown distance between the cameras, also "
+    "where a name says metres; depth.png is in thousandths of it"
+)
 
 
 def run_report(
-    result: Reconstruction, preset: Preset, *, device: str, seconds: Mapping[str, float]
+    result: Reconstruction,
+    preset: Preset,
+    *,
+    device: str,
+    seconds: Mapping[str, float],
+    metric: bool = True,
 ) -> dict[str, Any]:
     """Return all that is needed to understand a result, or to make it again.
 
@@ -40,11 +57,13 @@ def run_report(
         preset: that it was made with.
         device: where the matcher computed.
         seconds: of each stage.
+        metric: whether lengths are metres; otherwise the baseline is 1.
     """
     geometry = result.pair.geometry
     sigma_px = preset.triangulation.disparity_sigma_px
     return {
-        "metric sanity": sanity_line(geometry, result.depth, sigma_px),
+        "units": UNITS if metric else UNITS_WITHOUT_CALIBRATION,
+        "metric sanity": sanity_line(geometry, result.depth, sigma_px, metric=metric),
         "disparities": {"from": result.disparities[0], "to": result.disparities[-1]},
         "pixels per status": status_counts(result.disparity.status),
         "points": len(result.cloud),
@@ -73,23 +92,29 @@ def versions() -> dict[str, str]:
     return found
 
 
-def sanity_line(geometry: RectifiedGeometry, depth: Array, disparity_sigma_px: float) -> str:
+def sanity_line(
+    geometry: RectifiedGeometry, depth: Array, disparity_sigma_px: float, *, metric: bool = True
+) -> str:
     """Return one line by which a person sees whether the units can be right.
 
     Args:
         geometry: of the pair.
         depth: (H, W) metres, NaN where there is none.
         disparity_sigma_px: standard deviation of a disparity.
+        metric: whether lengths are metres; otherwise the baseline is 1.
     """
+    unit = "m" if metric else "baselines"
     start = (
-        f"f {geometry.focal_px:.1f} px, baseline {geometry.baseline_m:.4f} m, "
+        f"{'' if metric else 'NOT METRIC: '}f {geometry.focal_px:.1f} px, "
+        f"baseline {geometry.baseline_m:.4f} {'m' if metric else '(the unit of all lengths)'}, "
         f"disparity at infinity {geometry.disparity_at_infinity:.2f} px"
     )
     if np.isnan(depth).all():
         return f"{start}; no depth"
     near, median, far = np.nanpercentile(depth, [1, 50, 99])
     sigma = median**2 / (geometry.focal_px * geometry.baseline_m) * disparity_sigma_px
+    expected = f"{sigma * 1000:.1f} mm" if metric else f"{sigma:.3f} {unit}"
     return (
-        f"{start}; depth {near:.2f} to {far:.2f} m (1 to 99 %), median {median:.2f} m; "
-        f"expected sigma_z there {sigma * 1000:.1f} mm ({disparity_sigma_px:g} px)"
+        f"{start}; depth {near:.2f} to {far:.2f} {unit} (1 to 99 %), median {median:.2f} {unit}; "
+        f"expected sigma_z there {expected} ({disparity_sigma_px:g} px)"
     )

@@ -16,6 +16,7 @@ ROWS = (
     (
         "calib.rectify",
         "calib.boards",
+        "calib.epipolar",
         "recon.matching_cost",
         "recon.aggregation",
         "recon.optimisation",
@@ -24,7 +25,8 @@ ROWS = (
         "recon.refinement",
         "recon.colours",
     ),
-    ("recon.coarse_to_fine", "calib.estimation"),
+    ("calib.row_correction", "calib.estimation", "recon.coarse_to_fine"),
+    ("calib.uncalibrated",),
     ("recon.tiles",),
     ("recon.matcher", "recon.triangulation"),
     ("recon.meshing",),
@@ -34,6 +36,7 @@ ROWS = (
     ("calib",),  # the names that the package gives to others
     (
         "recon.pairs",
+        "recon.rectification",
         "recon.output",
         "recon.report",
         "recon.timing",

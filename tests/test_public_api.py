@@ -7,11 +7,14 @@ import pytest
 from test_architecture import FILES
 
 PUBLIC = {
-    "calib": """CalibrationRecord Camera CameraModel Image LengthUnit Pose RectifiedGeometry
-        RectifiedPair Rectifier StereoCalibration StereoPair read_calibration write_calibration""",
+    "calib": """CalibrationRecord Camera CameraModel Image LengthUnit Matches Pose RectifiedGeometry
+        RectifiedPair Rectifier RowCorrection StereoCalibration StereoPair VerticalResidual
+        corrected_pair corrected_rig estimate_row_correction match_views read_calibration
+        vertical_residual write_calibration""",
     "calib.formats": """READERS WRITERS CalibrationFile CalibrationRecord LengthUnit Reader Writer
         read_calibration write_calibration""",
-    "recon": "Preset Reconstruction load_preset read_pair reconstruct",
+    "recon": """Preset Reconstruction check_rectification load_preset read_pair reconstruct
+        rectify_and_check""",
     "recon.aggregation": """AGGREGATIONS Aggregation BilateralAggregation BoxAggregation
         NoAggregation""",
     "recon.files": """atomic read_image read_image_pair read_pfm read_ply read_side_by_side

@@ -13,6 +13,7 @@ from recon.cli.convert import convert
 from recon.cli.evaluate import evaluate
 from recon.cli.look import presets, view
 from recon.cli.pair import demo, pair
+from recon.cli.rectify import rectify
 from recon.cli.terminal import errors
 from recon.cli.train import train, train_regulariser
 
@@ -26,6 +27,7 @@ COMMANDS: dict[str, Callable[..., Any]] = {
     "convert": convert,
     "evaluate": evaluate,
     "presets": presets,
+    "rectify": rectify,
     "train": train,
     "view": view,
 }

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from tyro.conf import Positional
 
+from recon.cli.rectify import said
 from recon.cli.terminal import (
     QUIET,
     Device,
@@ -18,6 +20,7 @@ from recon.cli.terminal import (
     console,
     device_named,
     preset_with,
+    warn,
 )
 
 if TYPE_CHECKING:
@@ -33,16 +36,36 @@ __all__ = ["demo", "pair"]
 Recording = Literal["save", "serve", "spawn", "none"]
 
 
+@dataclass(frozen=True)
+class Means:
+    """What a run works with, beside the pair and the preset.
+
+    Attributes:
+        device: where to compute.
+        recording: what becomes of the recording.
+        refine: whether to refine the rectification.
+        ignore: whether to go on if the rectification is meaningless.
+    """
+
+    device: str
+    recording: Recording
+    refine: bool = False
+    ignore: bool = False
+
+
 def pair(  # noqa: PLR0913  every one is an option of the command
     left: Positional[Path],
     right: Positional[Path | None] = None,
     /,
     *,
-    calib: Path,
+    calib: Path | None = None,
     out: Out,
     preset: str = "paper",
     rectified: bool = False,
     raw: bool = False,
+    uncalibrated: bool = False,
+    refine_rectification: bool = False,
+    ignore_rectification: bool = False,
     min_disparity: int | None = None,
     max_disparity: int | None = None,
     min_confidence: float | None = None,
@@ -64,6 +87,12 @@ def pair(  # noqa: PLR0913  every one is an option of the command
             most accurate one that this machine can run within a minute.
         rectified: the rows of the pictures agree already.
         raw: the pictures are to be undistorted and rectified.
+        uncalibrated: estimate the cameras from the pictures, without --calib; shapes come out up
+            to scale, not in metres.
+        refine_rectification: turn the cameras a little so that the rows of the views agree better,
+            if they do so significantly.
+        ignore_rectification: go on even if the rows of the views are so far from agreeing, or left
+            and right so surely swapped, that matching is meaningless.
         min_disparity: smallest x_left - x_right to search, pixels of the given pictures.
         max_disparity: largest one; both are estimated where neither you nor the calibration says.
         min_confidence: leave out of cloud and mesh what is less likely to be right than this, in
@@ -80,12 +109,20 @@ def pair(  # noqa: PLR0913  every one is an option of the command
     if rectified and raw:
         raise ValueError("say --rectified or --raw, not both")
     stated = True if rectified else False if raw else None
+    if uncalibrated:
+        if calib is not None or stated is not None:
+            raise ValueError("--uncalibrated goes without --calib, --rectified and --raw")
+    elif calib is None:
+        raise ValueError(
+            "give the calibration with --calib, or say --uncalibrated to estimate the cameras from "
+            "the pictures; the result is then not in metres"
+        )
     _run(
         lambda: _read(left, right, calib, stated, scale),
         out,
         _preset_for(preset, settings, (*override, *_at_least(min_confidence))),
         RangeRequest(min_disparity, max_disparity, scale),
-        (device_named(device), recording),
+        Means(device_named(device), recording, refine_rectification, ignore_rectification),
     )
 
 
@@ -144,10 +181,12 @@ def _at_least(min_confidence: float | None) -> tuple[str, ...]:
 
 
 def _read(
-    left: Path, right: Path | None, calib: Path, rectified: bool | None, scale: float
+    left: Path, right: Path | None, calib: Path | None, rectified: bool | None, scale: float
 ) -> PairOnDisk:
-    from recon.pairs import read_pair
+    from recon.pairs import read_pair, read_uncalibrated_pair
 
+    if calib is None:
+        return read_uncalibrated_pair(left, right, scale=scale)
     return read_pair(left, right, calib, rectified=rectified, scale=scale)
 
 
@@ -168,37 +207,48 @@ def _run(
     out: Path,
     preset_for: Wanted,
     limits: RangeRequest,
-    where: tuple[str, Recording],
+    means: Means,
 ) -> None:
-    """Read, reconstruct, write: all or nothing."""
+    """Read, check, reconstruct, write: all or nothing."""
+    from calib.pair import StereoPair
     from recon.files import write_json
     from recon.observer import all_of
     from recon.output import all_or_nothing, write_results
     from recon.pipeline import reconstruct
-    from recon.report import run_report
+    from recon.rectification import rectification_report, rectify_and_check
+    from recon.report import UNITS_WITHOUT_CALIBRATION, run_report
     from recon.timing import Stopwatch, compilation_watched
 
-    device, recording = where
+    device = means.device
     with (
         all_or_nothing(out) as folder,
         Progress() as progress,
-        _recorder(recording, folder) as recorder,
+        _recorder(means.recording, folder) as recorder,
         compilation_watched() as compiled_for,
     ):
         watch = Stopwatch(all_of(progress, recorder))
         source = read()
         for note in source.notes:
             console.print(f"note: {note}", soft_wrap=True)
+        if not source.metric:
+            warn(UNITS_WITHOUT_CALIBRATION)
         disparities = limits.applied_to(source.disparities)
-        preset = preset_for(source.pair, disparities, device)
         watch("input/files", source.inputs)
+        if isinstance(source.pair, StereoPair):
+            watch("input/raw", source.pair)
+        checked = rectify_and_check(source.pair, refine=means.refine)
+        watch("rectification", rectification_report(said(checked, ignore=means.ignore)))
+        preset = preset_for(checked.pair, disparities, device)
         result = reconstruct(
-            source.pair, preset, disparities=disparities, device=device, observe=watch
+            checked.pair, preset, disparities=disparities, device=device, observe=watch
         )
         write_results(folder, result)
         watch("write", sorted(path.name for path in folder.iterdir()))
         report = {
-            **run_report(result, preset, device=device, seconds=watch.seconds),
+            **run_report(
+                result, preset, device=device, seconds=watch.seconds, metric=source.metric
+            ),
+            "rectification": rectification_report(checked),
             "seconds of first compilation": round(compiled_for(), 4),
             "disparity range from": limits.origin(source.disparities),
             "inputs": source.inputs,
@@ -206,12 +256,16 @@ def _run(
         watch("run", report)
         write_json(folder / "run.json", report)
     _say_what_was_made(report, out)
-    if recording == "serve":
+    if means.recording == "serve":
         _keep_serving(recorder)
 
 
 def _say_what_was_made(report: dict[str, Any], out: Path) -> None:
     """Print whether the units can be right, the size of the result and where it lies."""
+    from recon.report import UNITS
+
+    if report["units"] != UNITS:
+        warn(report["units"])
     console.print(report["metric sanity"], soft_wrap=True)
     if (compiled := report["seconds of first compilation"]) > QUIET:
         console.print(f"{compiled:.1f} s of this went into compiling, once; later runs are faster")

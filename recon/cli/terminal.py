@@ -22,6 +22,7 @@ __all__ = [
     "device_named",
     "errors",
     "preset_with",
+    "warn",
 ]
 
 console = Console(highlight=False, markup=False)  # brackets in file names are not markup
@@ -47,6 +48,12 @@ def preset_with(name: str, settings: Path | None, overrides: tuple[str, ...]) ->
     from recon.settings import load_preset, overrides_from
 
     return load_preset(name, overrides_from(settings, overrides))
+
+
+def warn(message: str) -> None:
+    """Say what a person should not overlook."""
+    errors.print("warning:", style="bold yellow", end=" ")
+    errors.print(message, soft_wrap=True)
 
 
 class Progress:

@@ -8,12 +8,20 @@ import open3d
 import pytest
 import trimesh
 
-from calib import Camera, Pose, StereoCalibration, write_calibration
-from recon import load_preset
+from calib import (
+    Camera,
+    Pose,
+    RectifiedGeometry,
+    RectifiedPair,
+    StereoCalibration,
+    read_calibration,
+    write_calibration,
+)
+from recon import check_rectification, load_preset, read_pair
 from recon.cli import main
 from recon.evaluation import OPENCV_MATCHERS, MatcherOfOpenCv, MatcherOfPreset, Task, find_scenes
 from recon.evaluation.runner import evaluate_one
-from recon.files import read_pfm, read_ply
+from recon.files import read_image_pair, read_pfm, read_ply
 from recon.output import OUTPUTS
 
 pytestmark = pytest.mark.slow
@@ -145,3 +153,91 @@ def test_a_raw_side_by_side_photograph_goes_through(datasets, tmp_path):
     assert report["geometry"]["baseline_m"] == pytest.approx(0.0574, rel=0.02)
     depth = cv2.imread(str(tmp_path / "out" / "depth.png"), cv2.IMREAD_UNCHANGED) / 1000
     assert 0.5 < np.median(depth[depth > 0]) < 6  # a room
+
+
+DRIFTED = "calibration/s2m2-raw-pair-drifted"
+
+
+def drifted(datasets) -> list:
+    folder = datasets / DRIFTED
+    left, right = (folder / f"1_10_sensor_raw_{side}.png" for side in ("left", "right"))
+    return [left, right, "--calib", folder / "1_01_camera_param_head.xml"]
+
+
+def test_a_calibration_that_has_drifted_is_refused_with_its_size(datasets, tmp_path, capsys):
+    with pytest.raises(SystemExit):
+        run("pair", *drifted(datasets), "-o", tmp_path / "out", "--recording", "none")
+
+    said = capsys.readouterr().err
+    assert "the rows of the views disagree by 8." in said  # 8.5 px by other means
+    assert "Beyond 7.7 px" in said
+
+
+def test_a_calibration_that_has_drifted_is_refined_to_less_than_a_pixel(datasets, tmp_path):
+    run("rectify", *drifted(datasets), "-o", tmp_path / "out", "--refine-rectification")
+
+    out = tmp_path / "out"
+    pair = read_pair(out / "left.png", out / "right.png", out / "rig.json").pair
+    residual = check_rectification(pair).residual
+    assert residual.count > 100
+    assert residual.mean_absolute_px < 1  # 0.5 was measured
+
+
+NOT_QUITE_RECTIFIED = {"artroom1": 1.6}
+"""Pairs of the data sets whose rows differ by more than half a pixel, and by how much."""
+
+
+@pytest.mark.parametrize(
+    "pattern",
+    [
+        "middlebury-v3/Q/*/im0.png",
+        "middlebury-2005/*/view1.png",
+        "middlebury-2006/*/view1.png",
+        "middlebury-2021-no-gt/*/im0.png",
+        "kitti/2015/image_2/*_10.png",
+        "other/sceneflow/*/left.png",
+    ],
+)
+def test_there_is_no_false_alarm(pattern, datasets):
+    partners = {"im0": "im1", "view1": "view5", "left": "right", "image_2": "image_3"}
+    found = sorted(datasets.glob(pattern))
+    assert found
+
+    for left in found:
+        name = str(left.relative_to(datasets))
+        for one, other in partners.items():
+            name = name.replace(one, other)
+        check = checked(left, datasets / name)
+
+        expected = NOT_QUITE_RECTIFIED.get(left.parent.name)
+        assert check.residual.reliable, left
+        assert check.error is None, left
+        if expected is None:
+            assert check.warnings == (), left
+        else:
+            assert check.residual.mean_absolute_px == pytest.approx(expected, abs=0.1)
+            assert "calibrate again" in check.warnings[0]
+
+
+def checked(left, right):
+    images = read_image_pair(left, right)
+    height, width = images[0].shape[:2]
+    record = left.parent / "calib.txt"
+    centre = (width / 2, height / 2)
+    geometry = RectifiedGeometry((width, height), 1.2 * width, centre, centre, 0.1)
+    if record.exists():
+        geometry = read_calibration(record, image_size=(width, height)).rectified
+    return check_rectification(RectifiedPair(*images, geometry))
+
+
+def test_an_uncalibrated_street_is_told_up_to_scale(datasets, tmp_path, capsys):
+    kitti = datasets / "kitti" / "2015"
+
+    run("pair", kitti / "image_2" / "000002_10.png", kitti / "image_3" / "000002_10.png",
+        "--uncalibrated", "-o", tmp_path / "out", "--recording", "none",
+        "--preset", "fast")  # fmt: skip
+
+    report = report_of(tmp_path / "out")
+    assert report["units"].startswith("NOT METRIC")
+    assert "a guess" in report["inputs"]["focal length"]
+    assert report["rectification"]["vertical residual"]["mean_absolute_px"] < 0.5
