@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from pathlib import Path
 
-from calib.formats import CalibrationRecord, read_calibration
+from calib.formats import CalibrationRecord, LengthUnit, read_calibration
 from calib.pair import Image, RectifiedPair, StereoPair
 from calib.rectify import Rectifier
 from calib.uncalibrated import EstimatedRig, estimate_rig, focal_px_of
@@ -44,6 +44,7 @@ def read_pair(
     *,
     rectified: bool | None = None,
     scale: float = 1.0,
+    unit: LengthUnit | None = None,
 ) -> PairOnDisk:
     """Read two photographs and their calibration.
 
@@ -54,6 +55,7 @@ def read_pair(
         rectified: whether the rows of the pictures agree already. None takes raw where the
             calibration has raw cameras for this size, and says so in the notes.
         scale: the rectified pair is resized by this, its geometry with it.
+        unit: of lengths, for calibrations that do not say.
 
     Raises:
         FileNotFoundError: if a file is missing.
@@ -61,7 +63,7 @@ def read_pair(
     """
     images = _read_images(left, right, scale)
     height, width = images[0].shape[:2]
-    record = read_calibration(calibration, image_size=(width, height))
+    record = read_calibration(calibration, image_size=(width, height), unit=unit)
     pair, notes = _with_calibration(images, record, rectified)
     inputs = {
         "left": str(left),

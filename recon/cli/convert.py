@@ -7,11 +7,10 @@ from typing import Annotated, Literal
 
 from tyro.conf import Positional, arg
 
-from recon.cli.terminal import console
+from recon.cli.terminal import Unit, console
 
-__all__ = ["Unit", "convert"]
+__all__ = ["convert"]
 
-Unit = Literal["m", "cm", "mm"]
 Target = Annotated[Path, arg(aliases=["-o"])]
 Format = Literal["json", "opencv", "middlebury", "kitti", "ros", "kalibr", "colmap"]
 

@@ -17,6 +17,7 @@ from recon.cli.terminal import (
     Out,
     Overrides,
     Progress,
+    Unit,
     console,
     device_named,
     preset_with,
@@ -63,6 +64,7 @@ def pair(  # noqa: PLR0913  every one is an option of the command
     preset: str = "paper",
     rectified: bool = False,
     raw: bool = False,
+    unit: Unit | None = None,
     uncalibrated: bool = False,
     refine_rectification: bool = False,
     ignore_rectification: bool = False,
@@ -87,6 +89,7 @@ def pair(  # noqa: PLR0913  every one is an option of the command
             most accurate one that this machine can run within a minute.
         rectified: the rows of the pictures agree already.
         raw: the pictures are to be undistorted and rectified.
+        unit: of the lengths in the calibration, where it does not say.
         uncalibrated: estimate the cameras from the pictures, without --calib; shapes come out up
             to scale, not in metres.
         refine_rectification: turn the cameras a little so that the rows of the views agree better,
@@ -110,15 +113,15 @@ def pair(  # noqa: PLR0913  every one is an option of the command
         raise ValueError("say --rectified or --raw, not both")
     stated = True if rectified else False if raw else None
     if uncalibrated:
-        if calib is not None or stated is not None:
-            raise ValueError("--uncalibrated goes without --calib, --rectified and --raw")
+        if any(said is not None for said in (calib, stated, unit)):
+            raise ValueError("--uncalibrated goes without --calib, --rectified, --raw and --unit")
     elif calib is None:
         raise ValueError(
             "give the calibration with --calib, or say --uncalibrated to estimate the cameras from "
             "the pictures; the result is then not in metres"
         )
     _run(
-        lambda: _read(left, right, calib, stated, scale),
+        lambda: _read((left, right), calib, stated, scale, unit),
         out,
         _preset_for(preset, settings, (*override, *_at_least(min_confidence))),
         RangeRequest(min_disparity, max_disparity, scale),
@@ -181,13 +184,17 @@ def _at_least(min_confidence: float | None) -> tuple[str, ...]:
 
 
 def _read(
-    left: Path, right: Path | None, calib: Path | None, rectified: bool | None, scale: float
+    pictures: tuple[Path, Path | None],
+    calib: Path | None,
+    rectified: bool | None,
+    scale: float,
+    unit: Unit | None,
 ) -> PairOnDisk:
     from recon.pairs import read_pair, read_uncalibrated_pair
 
     if calib is None:
-        return read_uncalibrated_pair(left, right, scale=scale)
-    return read_pair(left, right, calib, rectified=rectified, scale=scale)
+        return read_uncalibrated_pair(*pictures, scale=scale)
+    return read_pair(*pictures, calib, rectified=rectified, scale=scale, unit=unit)
 
 
 def _recorder(recording: Recording, folder: Path) -> contextlib.AbstractContextManager[Any]:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Literal
 
 from tyro.conf import Positional
 
-from recon.cli.terminal import Out, console, warn
+from recon.cli.terminal import Out, Unit, console, warn
 
 if TYPE_CHECKING:
     from recon.rectification import CheckedPair
@@ -22,6 +22,7 @@ def rectify(  # noqa: PLR0913  every one is an option of the command
     *,
     calib: Path,
     out: Out,
+    unit: Unit | None = None,
     alpha: float | Literal["keep"] = 0.0,
     scale: float = 1.0,
     size: tuple[int, int] | None = None,
@@ -37,6 +38,7 @@ def rectify(  # noqa: PLR0913  every one is an option of the command
         right: picture of the right camera; left out if the first shows both side by side.
         calib: calibration of the raw cameras.
         out: folder for the results.
+        unit: of the lengths in the calibration, where it does not say.
         alpha: which part of the raw pictures to show: 0 only what both fill, 1 every raw pixel with
             black around, keep the middle at the focal length of the raw pictures.
         scale: size of the rectified pictures over that of the raw ones.
@@ -58,7 +60,7 @@ def rectify(  # noqa: PLR0913  every one is an option of the command
 
     _spare(out, (left, right, calib))
     with all_or_nothing(out, RECTIFIED_OUTPUTS) as folder:
-        source = read_pair(left, right, calib, rectified=False)
+        source = read_pair(left, right, calib, rectified=False, unit=unit)
         for note in source.notes:
             console.print(f"note: {note}", soft_wrap=True)
         console.print(f"raw pictures: {check_rows(source.pair).note}", soft_wrap=True)

@@ -18,6 +18,7 @@ __all__ = [
     "Out",
     "Overrides",
     "Progress",
+    "Unit",
     "console",
     "device_named",
     "errors",
@@ -29,6 +30,7 @@ console = Console(highlight=False, markup=False)  # brackets in file names are n
 errors = Console(stderr=True, highlight=False, markup=False)
 
 Device = Literal["auto", "cpu", "cuda"]
+Unit = Literal["m", "cm", "mm"]
 Out = Annotated[Path, arg(aliases=["-o"])]
 Overrides = Annotated[UseAppendAction[tuple[str, ...]], arg(name="set", metavar="SETTING=VALUE")]
 QUIET = 1.0 / 3

@@ -100,6 +100,23 @@ class TestPhotographs:
         with pytest.raises(ValueError, match=r"rig\.json: .* for 200 x 100 images but .* 100 x 50"):
             read(folder)
 
+    def test_a_person_may_say_the_unit(self, folder):
+        rig = raw_rig(still_life().pair.geometry.size)
+        storage = f"%YAML:1.0\n---\nimageSize: [{rig.left.size[0]}, {rig.left.size[1]}]\n"
+        for name, matrix in (
+            *(("M1", rig.left.K), ("M2", rig.right.K), ("R", np.eye(3))),
+            ("T", np.array([[-8.0], [0], [0]])),
+        ):
+            rows, columns = matrix.shape
+            storage += (
+                f"{name}: !!opencv-matrix\n  rows: {rows}\n  cols: {columns}\n  dt: d\n"
+                f"  data: {matrix.ravel().tolist()}\n"
+            )
+        (folder / "rig.json").write_text(storage, encoding="utf-8")
+
+        assert read(folder).pair.calibration.baseline_m == 8.0  # up to 10 it is taken as metres
+        assert read(folder, unit="cm").pair.calibration.baseline_m == pytest.approx(0.08)
+
     def test_swapped_cameras_are_refused(self, folder):
         contents = json.loads((folder / "rig.json").read_text())
         contents["rectified"]["baseline_m"] = -0.2

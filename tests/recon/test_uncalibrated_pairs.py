@@ -113,11 +113,13 @@ def test_a_file_that_holds_no_note_is_none(tmp_path):
     assert focal_length_35mm(tmp_path / "gone.jpg") is None
 
 
-@pytest.mark.parametrize("other", [("--calib", "rig.json"), ("--raw",), ("--rectified",)])
+@pytest.mark.parametrize(
+    "other", [("--calib", "rig.json"), ("--raw",), ("--rectified",), ("--unit", "mm")]
+)
 def test_what_contradicts_it_is_refused(folder, tmp_path, capsys, other):
     message = message_of(words(folder, tmp_path / "out", "--uncalibrated", *other), capsys)
 
-    assert message == "--uncalibrated goes without --calib, --rectified and --raw"
+    assert message == "--uncalibrated goes without --calib, --rectified, --raw and --unit"
 
 
 def test_no_calibration_at_all_asks_for_one_or_the_other(folder, tmp_path, capsys):
