@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -106,7 +106,7 @@ def judge(estimate: RigEstimate) -> Quality:
     )
     findings = [finding for check in CHECKS for finding in check(estimate, figures)]
     findings.sort(key=lambda finding: finding.grade, reverse=True)
-    return Quality(**{**vars(figures), "findings": tuple(findings)})
+    return replace(figures, findings=tuple(findings))
 
 
 def vertical_residuals(estimate: RigEstimate) -> Array:
