@@ -57,9 +57,16 @@ class LearnedOptimisation:
     Attributes:
         weights: the path of a file, or the name of weights that ship. They belong to the matching
             cost and the aggregation on which they were trained.
+        averaged_px: where the network and the semi-global paths differ by at most this, the mean of
+            both is taken: their errors below a pixel have little to do with each other.
     """
 
-    weights: str
+    weights: str = "regulariser"
+    averaged_px: float = 2.0
+
+    def __post_init__(self) -> None:
+        if self.averaged_px < 0:
+            raise ValueError(f"averaged_px must not be negative, got {self.averaged_px}")
 
     @property
     def margin_px(self) -> int:
@@ -78,8 +85,10 @@ class LearnedOptimisation:
         view = guide.flip(1) if volume.of_right else guide
         paths, winner = hints(cost, view)
         estimate = network(cost[None], paths[None], winner[None], view.permute(2, 0, 1)[None])
-        last = len(volume.disparities) - 1
-        values = estimate.disparity[0].clamp(0, last) + volume.disparities[0]
+        alone, last = estimate.disparity[0], len(volume.disparities) - 1
+        agreed = (alone - winner).abs() <= self.averaged_px
+        chosen = torch.where(agreed, (alone + winner) / 2, alone)
+        values = chosen.clamp(0, last) + volume.disparities[0]
         confidence = 1 - torch.exp(-RIGHT_PX * torch.exp(-estimate.log_scale[0]))
         found = cost.isfinite().any(-1)
         if volume.of_right:

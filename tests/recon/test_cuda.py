@@ -22,7 +22,7 @@ def shifted_pair() -> RectifiedPair:
     return RectifiedPair(scene[:, :160].copy(), scene[:, 7:].copy(), geometry)
 
 
-@pytest.mark.parametrize("preset", ["paper", "census", "best", "sgm"])
+@pytest.mark.parametrize("preset", ["paper", "census", "best", "sgm", "context"])
 def test_the_matcher_finds_the_shift_on_the_device(preset, shifted_pair):
     found = load_preset(preset).matcher(shifted_pair, range(16), device="cuda")
 
@@ -31,7 +31,7 @@ def test_the_matcher_finds_the_shift_on_the_device(preset, shifted_pair):
     assert (np.abs(found.values[matched] - 7) > 0.5).mean() < 0.01
 
 
-@pytest.mark.parametrize("preset", ["paper", "census", "best", "sgm"])
+@pytest.mark.parametrize("preset", ["paper", "census", "best", "sgm", "context"])
 def test_the_device_changes_next_to_nothing(preset, shifted_pair):
     matcher = load_preset(preset).matcher
 

@@ -9,6 +9,7 @@ from recon.networks.regulariser import BLOCK, _blocks, _peak, _sample
 from recon.optimisation import LearnedOptimisation, SemiGlobal
 from recon.optimisation.learned import PATHS, hints
 from recon.settings import load_preset
+from recon.training.confidence import match_generated
 from recon.training.misalignment import Pairs
 from recon.training.regulariser_loss import regulariser_loss
 from recon.training.regulariser_run import AGGREGATION
@@ -242,6 +243,17 @@ class TestWeights:
             load_regulariser(str(weights))
 
 
+@pytest.mark.slow
+def test_the_weights_that_ship_find_more_than_the_paths_alone():
+    """On pairs far from those of any training; the weights were made to do so."""
+    ours, theirs = (
+        match_generated(load_preset(name).matcher, range(30_000_000, 30_000_003)).right
+        for name in ("context", "best")
+    )
+
+    assert ours.float().mean() > theirs.float().mean() + 0.02
+
+
 class TestHints:
     def test_the_weights_know_the_stages_of_the_preset_best(self):
         best = load_preset("best").matcher
@@ -280,6 +292,23 @@ class TestOptimisation:
 
         torch.testing.assert_close(of_right.values, of_left.values.flip(1))
         torch.testing.assert_close(of_right.confidence, of_left.confidence.flip(1))
+
+    def test_where_the_paths_say_nearly_the_same_the_mean_is_taken(self, weights):
+        cost, view = random_costs(32, 64, 16), random_view(32, 64)
+        volume = CostVolume(cost, range(16))
+        _, winner = hints(cost, view)
+
+        alone = LearnedOptimisation(str(weights), averaged_px=0)(volume, guide=view).values
+        mixed = LearnedOptimisation(str(weights), averaged_px=3)(volume, guide=view).values
+
+        near = (alone - winner).abs() <= 3
+        assert 0.05 < near.float().mean() < 0.95
+        torch.testing.assert_close(mixed[near], ((alone + winner) / 2)[near])
+        assert torch.equal(mixed[~near], alone[~near])
+
+    def test_a_negative_distance_is_refused(self):
+        with pytest.raises(ValueError, match="averaged_px must not be negative, got -1"):
+            LearnedOptimisation(averaged_px=-1)
 
     def test_a_volume_of_the_right_view_says_so(self):
         volume = CostVolume(random_costs(4, 20, 6), range(6))
