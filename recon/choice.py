@@ -8,9 +8,9 @@ from dataclasses import dataclass
 __all__ = ["AUTO", "Choice", "choose_preset"]
 
 AUTO = "auto"
-CORE_SECONDS = {"best": 29.0, "fast": 8.0}
+CORE_SECONDS = {"context": 58.0, "best": 29.0, "fast": 8.0}
 """What 10^8 comparisons of two pixels cost one core, most accurate first: the total of
-`benchmarks/speed.py --presets best fast` at 0.35 MP x 75, times its 2 threads."""
+`benchmarks/speed.py --presets context best fast` at 0.35 MP x 75, times its 2 threads."""
 COMPARISONS = 1e8
 PATIENCE_S = 60.0
 UNKNOWN_RANGE = 0.25

@@ -51,6 +51,6 @@ def test_an_unknown_range_counts_as_a_quarter_of_the_width():
 
 
 def test_the_seconds_grow_with_what_is_searched():
-    seconds = CORE_SECONDS["best"] * 700 * 500 * 75 / 1e8 / 2
+    seconds = CORE_SECONDS["context"] * 700 * 500 * 75 / 1e8 / 2
 
     assert f"about {round(seconds)} s" in choose_preset((700, 500), range(75), cores=2).reason
