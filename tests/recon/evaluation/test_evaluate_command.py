@@ -49,7 +49,7 @@ class TestMistakes:
     def test_an_unknown_preset(self, scenes, capsys):
         message = message_of(words(scenes, "--preset", "papre"), capsys)
 
-        assert "unknown preset 'papre'; there are best, census, fast, paper" in message
+        assert "unknown preset 'papre'; there are best, census, context, fast, paper" in message
 
     def test_an_unknown_baseline(self, scenes, capsys):
         message = message_of(words(scenes, "--baseline", "sgbm"), capsys)
