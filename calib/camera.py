@@ -213,9 +213,9 @@ def _fisheye(plane: Array, distortion: Array) -> Array:
     r = np.hypot(*plane.T)
     angle = np.arctan(r)
     a2 = angle * angle
-    with np.errstate(all="ignore"):  # 0 / 0 on the axis, where the scale is 1
+    with np.errstate(all="ignore"):  # on the axis, and far out in vain steps
         scale = angle * (1 + a2 * (k1 + a2 * (k2 + a2 * (k3 + a2 * k4)))) / r
-    bent: Array = plane * np.where(r > 0, scale, 1.0)[:, None]
+        bent: Array = plane * np.where(r > 0, scale, 1.0)[:, None]
     bent[np.isnan(r)] = np.nan
     return bent
 
