@@ -65,8 +65,9 @@ class Chessboard:
         """See `Board`; the whole board must be seen.
 
         Found by the sector-based detector of Duda & Frese, Accurate Detection and Localization of
-        Checkerboard Corners for Calibration, BMVC 2018, which needs no refinement; by OpenCV's
-        older one where that fails, refined to sub-pixels.
+        Checkerboard Corners for Calibration, BMVC 2018, or by OpenCV's older one where that fails;
+        then moved to where the edges cross (Förstner & Gülch, 1987), which leaves a third of the
+        noise on generated photographs.
         """
         picture = grey(image)
         size = (self.columns, self.rows)
@@ -75,7 +76,7 @@ class Chessboard:
             found, pixels = cv2.findChessboardCorners(picture, size, flags=QUICK_FLAGS)
             if not found:
                 return None
-            pixels = _refined(picture, np.asarray(pixels, np.float32), size)
+        pixels = _refined(picture, np.asarray(pixels, np.float32), size)
         ordered = seen_from_the_front(np.asarray(pixels, dtype=np.float64), size)
         if not self.turns_into_itself and _begins_white(picture, ordered, size):
             ordered = ordered[::-1]
@@ -91,14 +92,18 @@ class Chessboard:
 def _refined(
     picture: Image, pixels: npt.NDArray[np.float32], size: tuple[int, int]
 ) -> npt.NDArray[np.float32]:
-    """Move corners to where the edges cross, in windows that hold no other corner."""
+    """Move corners to where the edges cross, in windows that hold no other corner.
+
+    One that would leave the middle of its window has found something else and stays.
+    """
     points = pixels.reshape(size[1], size[0], 2)
     nearest = min(
         float(np.linalg.norm(np.diff(points, axis=axis), axis=-1).min()) for axis in (0, 1)
     )
     half = int(np.clip(WINDOW_SHARE * nearest, SMALLEST_WINDOW, LARGEST_WINDOW))
-    refined = cv2.cornerSubPix(picture, pixels, (half, half), (-1, -1), PRECISE)
-    return np.asarray(refined, np.float32)
+    refined = cv2.cornerSubPix(picture, pixels.copy(), (half, half), (-1, -1), PRECISE)
+    moved = np.abs(refined - pixels).max(axis=-1, keepdims=True)
+    return np.where(moved <= half / 2, refined, pixels).astype(np.float32)
 
 
 def _begins_white(picture: Image, pixels: Array, size: tuple[int, int]) -> bool:
