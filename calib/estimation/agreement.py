@@ -10,7 +10,7 @@ import numpy as np
 from calib.boards import Board, Corners
 from calib.camera import Camera
 from calib.estimation.adjustment import Array, rms
-from calib.estimation.one_camera import FEWEST_VIEWS, CameraFit, LensName, fit_camera
+from calib.estimation.one_camera import FEWEST_VIEWS, CameraFit, fit_camera, lens_of
 from calib.pose import Pose
 
 __all__ = ["BoardView", "first_rig", "turned_alike"]
@@ -69,9 +69,7 @@ def first_rig(
         raise ValueError(
             f"only {len(both)} pairs fit both cameras; at least {FEWEST_VIEWS} are needed"
         )
-    errors = disagreement(
-        board, fits[1].camera, *_poses(fits, both), [views[i].right for i in both]
-    )
+    errors = disagreement(board, fits[1].camera, *_poses(fits, both), _seen_at_right(views, both))
     limit = SAME_PLACE * float(np.hypot(*size))
     votes = (errors < limit).sum(1)
     chosen = int(np.lexsort((np.median(errors, axis=1), -votes))[0])
@@ -98,7 +96,7 @@ def disagreement(
     camera: Camera,
     left: Array,
     right: Array,
-    seen: Sequence[Corners | None],
+    seen: Sequence[Corners],
 ) -> Array:
     """Return (V, V): how far off (RMS, px) view j is if view i tells where the right camera stands.
 
@@ -110,15 +108,14 @@ def disagreement(
         seen: of each view, what the right camera saw.
     """
     errors = np.full((len(left), len(left)), np.inf)
+    before_left = [
+        (Pose.from_values(pose).apply(board.points[corners.ids]), corners.pixels)
+        for pose, corners in zip(left, seen, strict=True)
+    ]
     for i, (ours, theirs) in enumerate(zip(left, right, strict=True)):
-        rig = between(ours, theirs)
-        for j, (pose, corners) in enumerate(zip(left, seen, strict=True)):
-            if corners is None:
-                continue
-            points = Pose.from_values(rig).apply(
-                Pose.from_values(pose).apply(board.points[corners.ids])
-            )
-            error = rms([camera.project(points) - corners.pixels])
+        rig = Pose.from_values(between(ours, theirs))
+        for j, (points, pixels) in enumerate(before_left):
+            error = rms([camera.project(rig.apply(points)) - pixels])
             errors[i, j] = error if np.isfinite(error) else np.inf
     return errors
 
@@ -132,9 +129,9 @@ def _why_nothing_fits(
 ) -> str:
     """Return the likely cause when the cameras fit alone but the pairs do not."""
     left, right = _poses(fits, both)
-    seen = [views[index].right for index in both]
+    seen = _seen_at_right(views, both)
     count = len(both)
-    for shift in (1, -1, 2, -2, 3, -3):
+    for shift in SHIFTS:
         ours, theirs = (
             left[max(0, -shift) : count - max(0, shift)],
             right[max(0, shift) : count - max(0, -shift)],
@@ -171,12 +168,10 @@ def _fits_mirrored(
     limit: float,
 ) -> bool:
     """Return whether the pairs agree once the right photographs are mirrored."""
-    camera, seen = fits[1].camera, [views[index].right for index in both]
-    width = camera.size[0]
-    other = [None if corners is None else _mirrored(board, corners, width) for corners in seen]
-    lens: LensName = "fisheye" if camera.model == "fisheye" else "pinhole"
+    camera = fits[1].camera
+    other = [_mirrored(board, corners, camera.size[0]) for corners in _seen_at_right(views, both)]
     try:
-        flipped = fit_camera(board, other, camera.size, lens, "right")
+        flipped = fit_camera(board, other, camera.size, lens_of(camera), "right")
     except ValueError:
         return False
     fine = np.isfinite(flipped.errors)
@@ -197,6 +192,11 @@ def _mirrored(board: Board, corners: Corners, width: int) -> Corners:
     partner = np.linalg.norm(points[:, None] - opposite[None], axis=-1).argmin(0)
     pixels = np.column_stack([width - 1 - corners.pixels[:, 0], corners.pixels[:, 1]])
     return Corners(partner[corners.ids], pixels)
+
+
+def _seen_at_right(views: Sequence[BoardView], both: Sequence[int]) -> list[Corners]:
+    """Return what the right camera saw in the views that both cameras saw."""
+    return [corners for index in both if (corners := views[index].right) is not None]
 
 
 def _poses(fits: Sequence[CameraFit], both: Sequence[int]) -> tuple[Array, Array]:

@@ -13,7 +13,7 @@ from calib.boards import Board, Corners
 from calib.camera import Camera, CameraModel
 from calib.estimation.adjustment import Array, Bundle, Sighting, adjust, pose_of_board, rms
 
-__all__ = ["FEWEST_VIEWS", "LENSES", "CameraFit", "LensName", "fit_camera", "not_worse"]
+__all__ = ["FEWEST_VIEWS", "LENSES", "CameraFit", "LensName", "fit_camera", "lens_of", "not_worse"]
 
 LensName = Literal["pinhole", "rational", "fisheye"]
 LENSES: dict[LensName, tuple[CameraModel, int]] = {
@@ -96,6 +96,12 @@ def fit_camera(
             "counts right, is the board flat, and is the lens another (--model)?"
         )
     return CameraFit(camera, poses, errors, float(np.sqrt((fitting**2).mean())))
+
+
+def lens_of(camera: Camera) -> LensName:
+    """Return the name in `LENSES` of a camera's lens."""
+    shape = camera.model, len(camera.distortion)
+    return next(name for name, lens in LENSES.items() if lens == shape)
 
 
 def not_worse(errors: Array) -> npt.NDArray[np.bool_]:
