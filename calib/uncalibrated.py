@@ -17,7 +17,7 @@ from calib.rectify import Rectifier
 from calib.rig import StereoCalibration
 from calib.row_correction import corrected_rig, estimate_row_correction
 
-__all__ = ["EstimatedRig", "estimate_rig", "focal_px_of"]
+__all__ = ["EstimatedRig", "estimate_uncalibrated_rig", "focal_px_of"]
 
 Array = npt.NDArray[np.float64]
 FocalSource = Literal["given", "matches", "guess"]
@@ -66,7 +66,9 @@ def focal_px_of(focal_35mm: float, size: tuple[int, int]) -> float:
     return focal_35mm * float(np.hypot(*size)) / DIAGONAL_35MM
 
 
-def estimate_rig(left: Image, right: Image, *, focal_px: float | None = None) -> EstimatedRig:
+def estimate_uncalibrated_rig(
+    left: Image, right: Image, *, focal_px: float | None = None
+) -> EstimatedRig:
     """Estimate where two equal cameras stand from what their photographs show.
 
     The essential matrix of the matches (MAGSAC), the pose of it that puts most points in front of

@@ -9,7 +9,7 @@ from pathlib import Path
 from calib.formats import CalibrationRecord, LengthUnit, read_calibration
 from calib.pair import Image, RectifiedPair, StereoPair
 from calib.rectify import Rectifier
-from calib.uncalibrated import EstimatedRig, estimate_rig, focal_px_of
+from calib.uncalibrated import EstimatedRig, estimate_uncalibrated_rig, focal_px_of
 from recon.files import read_image_pair, read_side_by_side
 from recon.files.exif import focal_length_35mm
 
@@ -101,7 +101,7 @@ def read_uncalibrated_pair(
     # Of two views in one picture the note, if any, is for a sensor of another shape.
     focal_35mm = focal_length_35mm(left) if right is not None else None
     focal_px = focal_px_of(focal_35mm, (width, height)) if focal_35mm else None
-    found = estimate_rig(*images, focal_px=focal_px)
+    found = estimate_uncalibrated_rig(*images, focal_px=focal_px)
     pair: StereoPair | RectifiedPair = StereoPair(*images, found.calibration)
     focal = f"{found.calibration.left.K[0, 0]:.0f} px, {_focal_source(found, focal_35mm)}"
     inputs = {

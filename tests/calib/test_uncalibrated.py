@@ -6,7 +6,7 @@ from turned import as_raw, rotation, workshop
 
 from calib import Matches, Rectifier, match_views
 from calib import uncalibrated as module
-from calib.uncalibrated import estimate_rig, focal_px_of
+from calib.uncalibrated import estimate_uncalibrated_rig, focal_px_of
 
 SIZE = (1200, 900)
 FOCAL = 1100.0
@@ -48,7 +48,7 @@ def angle(a, b):
 def test_the_place_of_the_other_camera_is_found(shows, turn, to):
     shows(turn, np.array(to))
 
-    found = estimate_rig(BLANK, BLANK, focal_px=FOCAL)
+    found = estimate_uncalibrated_rig(BLANK, BLANK, focal_px=FOCAL)
 
     pose = found.calibration.right_from_left
     assert np.degrees(np.abs(pose.R @ rotation(*turn).T - np.eye(3)).max()) < 0.5
@@ -62,7 +62,7 @@ def test_the_place_of_the_other_camera_is_found(shows, turn, to):
 def test_views_in_the_same_direction_do_not_tell_the_focal_length(shows):
     shows((0, 0, 0), np.array([1.0, 0, 0]))
 
-    found = estimate_rig(BLANK, BLANK)
+    found = estimate_uncalibrated_rig(BLANK, BLANK)
 
     assert found.focal_from == "guess"
     assert found.calibration.left.K[0, 0] == pytest.approx(focal_px_of(35, SIZE))
@@ -71,7 +71,7 @@ def test_views_in_the_same_direction_do_not_tell_the_focal_length(shows):
 def test_views_in_different_directions_may_tell_it(shows):
     shows((0.25, 0.5, 0.1), np.array([3.0, 0.5, 0.4]), focal=2000.0)
 
-    found = estimate_rig(BLANK, BLANK)
+    found = estimate_uncalibrated_rig(BLANK, BLANK)
 
     assert found.focal_from == "matches"
     assert found.calibration.left.K[0, 0] == pytest.approx(2000, rel=0.05)
@@ -93,7 +93,7 @@ def test_what_tells_no_geometry_is_refused_with_the_reason(shows, scene, message
     shows(scene.pop("turn"), np.array(scene.pop("to")), **scene)
 
     with pytest.raises(ValueError, match=message):
-        estimate_rig(BLANK, BLANK, focal_px=FOCAL)
+        estimate_uncalibrated_rig(BLANK, BLANK, focal_px=FOCAL)
 
 
 def test_matches_of_no_one_scene_are_refused(monkeypatch, rng):
@@ -101,14 +101,14 @@ def test_matches_of_no_one_scene_are_refused(monkeypatch, rng):
     monkeypatch.setattr(module, "match_views", lambda *_: Matches(left, right))
 
     with pytest.raises(ValueError, match="cannot estimate the cameras: "):
-        estimate_rig(BLANK, BLANK, focal_px=FOCAL)
+        estimate_uncalibrated_rig(BLANK, BLANK, focal_px=FOCAL)
 
 
 def test_photographs_are_rectified_by_it():
     turn = (0.03, 0.02, -0.04)
     pair = as_raw(workshop(), turn=turn)
 
-    found = estimate_rig(pair.left, pair.right, focal_px=workshop().geometry.focal_px)
+    found = estimate_uncalibrated_rig(pair.left, pair.right, focal_px=workshop().geometry.focal_px)
 
     pose = found.calibration.right_from_left
     assert np.degrees(np.abs(pose.R @ rotation(*turn).T - np.eye(3)).max()) < 0.3
