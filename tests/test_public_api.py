@@ -12,7 +12,7 @@ PUBLIC = {
         corrected_pair corrected_rig estimate_row_correction match_views read_calibration
         vertical_residual write_calibration""",
     "calib.formats": """READERS WRITERS CalibrationFile CalibrationRecord LengthUnit Reader Writer
-        read_calibration write_calibration""",
+        check_writable read_calibration write_calibration""",
     "recon": """Preset Reconstruction check_rectification load_preset read_pair reconstruct
         rectify_and_check""",
     "recon.aggregation": """AGGREGATIONS Aggregation BilateralAggregation BoxAggregation

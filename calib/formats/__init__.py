@@ -2,7 +2,13 @@
 
 from calib.formats.protocol import CalibrationFile, LengthUnit, Reader, Writer
 from calib.formats.record import CalibrationRecord
-from calib.formats.tables import READERS, WRITERS, read_calibration, write_calibration
+from calib.formats.tables import (
+    READERS,
+    WRITERS,
+    check_writable,
+    read_calibration,
+    write_calibration,
+)
 
 __all__ = [
     "READERS",
@@ -12,6 +18,7 @@ __all__ = [
     "LengthUnit",
     "Reader",
     "Writer",
+    "check_writable",
     "read_calibration",
     "write_calibration",
 ]

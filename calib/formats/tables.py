@@ -18,7 +18,7 @@ from calib.formats.ros_writing import ROS_WRITER
 from calib.formats.tagged_xml import TAGGED_XML_READER
 from calib.rig import RectifiedGeometry, StereoCalibration
 
-__all__ = ["READERS", "WRITERS", "read_calibration", "write_calibration"]
+__all__ = ["READERS", "WRITERS", "check_writable", "read_calibration", "write_calibration"]
 
 # The first that recognises a file reads it: of two that may, the stricter comes first.
 READERS: dict[str, Reader] = {
@@ -102,9 +102,24 @@ def write_calibration(
     path = Path(path)
     texts = _writer(path, format).render(_as_record(calibration, path), path)
     for place in texts:
-        if not place.parent.is_dir():
-            raise FileNotFoundError(f"there is no folder {place.parent} to write {place.name} in")
+        _check_folder(place)
     _write_all(texts)
+
+
+def check_writable(path: str | Path, *, format: str | None = None) -> None:
+    """Raise what `write_calibration` would for this path, before there is a calibration.
+
+    Raises:
+        FileNotFoundError: if the folder does not exist.
+        ValueError: if the format or the ending is unknown.
+    """
+    _writer(Path(path), format)
+    _check_folder(Path(path))
+
+
+def _check_folder(path: Path) -> None:
+    if not path.parent.is_dir():
+        raise FileNotFoundError(f"there is no folder {path.parent} to write {path.name} in")
 
 
 def _write_all(texts: dict[Path, str]) -> None:

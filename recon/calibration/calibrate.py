@@ -7,14 +7,14 @@ from pathlib import Path
 
 from calib.boards import board_named
 from calib.estimation import LensName, Quality, RigEstimate, estimate_rig, judge
-from calib.formats import write_calibration
+from calib.formats import check_writable, write_calibration
 from calib.pair import StereoPair
 from recon.calibration.detection import Detected, detect, read_photographs
 from recon.calibration.photographs import Paired, PhotographPair, pair_by_name, photographs
 from recon.calibration.report import plain_report, render_report
 from recon.files import write_json
-from recon.files.writing import atomic
 from recon.observer import Observer, ignore
+from recon.output import all_or_nothing
 from recon.viewer.rig import record_rig
 
 __all__ = ["Calibrated", "calibrate", "write_calibrated"]
@@ -71,7 +71,7 @@ def calibrate(
 def write_calibrated(path: str | Path, calibrated: Calibrated, *, recording: bool = True) -> None:
     """Write the rig, and beside it the report as HTML, JSON and Rerun recording.
 
-    `rig.json` comes with `rig_report.html`, `rig_report.json` and `rig_report.rrd`.
+    `rig.json` comes with `rig_report.html`, `rig_report.json` and `rig_report.rrd`: all or nothing.
 
     Args:
         path: of the rig, in any format of `calib.formats.write_calibration`.
@@ -84,17 +84,19 @@ def write_calibrated(path: str | Path, calibrated: Calibrated, *, recording: boo
     """
     path = Path(path)
     estimate, detected = calibrated.estimate, calibrated.detected
-    write_calibration(path, estimate.calibration)
-    report = path.with_name(f"{path.stem}_report.html")
+    check_writable(path)
     shown = next(pair for pair in calibrated.pairs if pair.name == estimate.names[0])
     example = StereoPair(*read_photographs(shown), estimate.calibration)
-    with atomic(report) as partial:
-        page = render_report(estimate, calibrated.quality, detected, example)
-        partial.write_text(page, encoding="utf-8")
-    write_json(report.with_suffix(".json"), plain_report(estimate, calibrated.quality))
-    if recording:
-        pictures = tuple((left.image, right.image) for left, right in detected.thumbnails)
-        record_rig(report.with_suffix(".rrd"), estimate, detected.views, pictures)
+    page = render_report(estimate, calibrated.quality, detected, example)
+    reports = [f"{path.stem}_report{ending}" for ending in (".html", ".json", ".rrd")]
+    with all_or_nothing(path.parent, (path.name, *reports)) as folder:
+        write_calibration(folder / path.name, estimate.calibration)
+        html, plain, rrd = (folder / name for name in reports)
+        html.write_text(page, encoding="utf-8")
+        write_json(plain, plain_report(estimate, calibrated.quality))
+        if recording:
+            pictures = tuple((left.image, right.image) for left, right in detected.thumbnails)
+            record_rig(rrd, estimate, detected.views, pictures)
 
 
 def _paired(left: str, right: str | None) -> Paired:

@@ -13,13 +13,13 @@ from calib.estimation import RigEstimate
 from calib.pair import Image, StereoPair
 from calib.rectify import Rectifier
 from recon.calibration.detection import Detected, Thumbnail
+from recon.files.images import encoded
 from recon.types import Array
 
 __all__ = ["coverage_drawing", "residual_drawing", "rows_picture", "thumbnails_of"]
 
 WIDTH = 420
 CELLS = (12, 9)
-JPEG_QUALITY = 82
 ROW_STEP = 40
 LINE = (60, 200, 60)
 DOT, HALO = (255, 190, 0), (40, 40, 40)
@@ -110,6 +110,4 @@ def _svg(width: int, height: int, content: str) -> Markup:
 
 
 def _jpeg(image: Image | npt.NDArray[np.uint8]) -> str:
-    bgr = cv2.cvtColor(image, cv2.COLOR_RGB2BGR)
-    _, data = cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
-    return "data:image/jpeg;base64," + base64.b64encode(data.tobytes()).decode()
+    return "data:image/jpeg;base64," + base64.b64encode(encoded(image, ".jpg")).decode()

@@ -47,10 +47,12 @@ def calibrate(  # noqa: PLR0913  every one is an option of the command
         raise ValueError(
             "give the right photographs too, or --side-by-side if each photograph shows both views"
         )
+    from calib.formats import check_writable
     from recon.calibration import calibrate as run
     from recon.calibration import write_calibrated
     from recon.calibration.detection import LookedAt
 
+    check_writable(out)
     columns = TextColumn("looking for the board"), BarColumn(), MofNCompleteColumn()
     with Progress(*columns, console=console, disable=not console.is_terminal) as bars:
         task = bars.add_task("")

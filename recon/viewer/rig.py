@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import uuid
-from pathlib import Path
 
 import numpy as np
 import rerun as rr
@@ -14,6 +13,7 @@ from calib.camera import Camera
 from calib.estimation import BoardView, RigEstimate
 from calib.pair import Image
 from calib.pose import Pose
+from recon.files import atomic
 from recon.types import Array
 
 __all__ = ["record_rig"]
@@ -38,17 +38,12 @@ def record_rig(
         views: all that were looked at.
         pictures: of each view, left and right; smaller copies will do.
     """
-    target = Path(path)
-    partial = target.with_name(f".{uuid.uuid4().hex}.part")
     recording = rr.RecordingStream(APPLICATION, recording_id=uuid.uuid4())
-    try:
+    with atomic(path) as partial:
         recording.save(partial, default_blueprint=_blueprint(estimate))
         _record(recording, estimate, views, pictures)
         recording.flush()
         recording.disconnect()
-        partial.replace(target)
-    finally:
-        partial.unlink(missing_ok=True)
 
 
 def _record(

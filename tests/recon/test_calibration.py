@@ -137,8 +137,8 @@ def test_mistakes_are_named(folder, tmp_path, capsys, words, message):
     assert not list(tmp_path.iterdir())
 
 
-def test_an_unknown_ending_is_refused_before_hours_of_work(folder, tmp_path, capsys):
-    words = ("calibrate", folder / "left", folder / "right", "--board", BOARD)
+def test_an_unknown_ending_is_refused_before_hours_of_work(tmp_path, capsys):
+    words = ("calibrate", "no/photographs", "no/others", "--board", BOARD)
 
     assert "ends in" in refused(capsys, *words, "-o", tmp_path / "rig.txt2")
     assert "no folder" in refused(capsys, *words, "-o", tmp_path / "there" / "rig.json")
