@@ -8,6 +8,7 @@ from recon.networks.weights import (
     save_features,
     save_regulariser,
     shipped_weights,
+    stored_regulariser,
 )
 
 __all__ = [
@@ -20,4 +21,5 @@ __all__ = [
     "save_features",
     "save_regulariser",
     "shipped_weights",
+    "stored_regulariser",
 ]

@@ -23,6 +23,7 @@ __all__ = [
     "save_features",
     "save_regulariser",
     "shipped_weights",
+    "stored_regulariser",
 ]
 
 SHIPPED = Path(__file__).parent.parent / "weights"
@@ -101,12 +102,16 @@ def load_regulariser(name: str, device: str | torch.device = "cpu") -> Regularis
     Raises:
         ValueError: if there is no such file, or it is not the weights of a regulariser.
     """
-    network = _load(
+    return stored_regulariser(name).fused().to(device).laid_out()
+
+
+def stored_regulariser(name: str) -> Regulariser:
+    """Return a regulariser as it was trained, to train it further; see `load_regulariser`."""
+    return _load(
         name,
         "regulariser",
         lambda shape: Regulariser(RegulariserShape(**_as_tuples(shape[REGULARISER]))),
     )
-    return network.fused().to(device).laid_out()
 
 
 def _as_tuples(shape: dict[str, Any]) -> dict[str, Any]:

@@ -28,6 +28,7 @@ __all__ = [
     "sheets",
     "sky",
     "solids",
+    "tree",
 ]
 
 X, Y, Z = torch.eye(3)
@@ -195,3 +196,15 @@ def sheets(stage: Stage) -> list[Thing]:
         sheet = _sheet(stage, depth, stage.dice.rotation(1.1), half_px)
         found.append(replace(sheet, centre=stage.place(depth, 0.5)))
     return found
+
+
+def tree(stage: Stage, foot: Place, size: float, bark: Coat, crown: Coat) -> list[Thing]:
+    """Return a trunk and a crown of one to three ellipsoids."""
+    x, y, z = foot
+    dice = stage.dice
+    things = [rod(foot, (x, y - 1.2 * size, z), 0.08 * size, bark)]
+    for _ in range(dice.whole(1, 3)):
+        at = (x + 0.3 * size * dice.uniform(-1, 1), y - size * dice.uniform(1.2, 1.8), z)
+        half = size * dice.uniform(0.35, 0.7)
+        things.append(Thing("ellipsoid", at, (half, 0.8 * half, half), dice.rotation(), crown))
+    return things

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
-__all__ = ["FULL", "REPEATING", "SCENES", "VERSION", "Recipe", "recipe_hash"]
+__all__ = ["FULL", "HARD", "REPEATING", "SCENES", "VERSION", "Recipe", "recipe_hash"]
 
 VERSION = 1
 """Raised whenever the same seed and recipe begin to give another pair."""
@@ -28,7 +28,10 @@ SCENES = (
     "colonnade",
     "relief",
 )
-"""Kinds of scene, see `recon.training.scenery`."""
+"""Kinds of scene that are drawn if nobody says, see `recon.training.scenery`."""
+
+HARD = ("street", "bare_room")
+"""Kinds of scene where only the surroundings tell the disparity: named to be drawn."""
 
 REPEATING = ("fence", "lattice", "colonnade")
 """Kinds of scene that are about repeated structures."""
@@ -39,7 +42,8 @@ class Recipe:
     """Ingredients of scenes.
 
     Attributes:
-        scenes: kinds of scene to draw from, each as often as the others.
+        scenes: kinds of scene to draw from, each as often as the others; one that is named twice
+            comes twice as often.
         wide_baselines: spread the largest disparity from 3 % to 25 % of the width; else 8 to 12 %.
         textured_background: pattern on walls, grounds and backdrops; else flat paint.
         weak_texture: leave a share of the surfaces nearly blank, as walls of rooms are.
@@ -62,9 +66,10 @@ class Recipe:
     light: bool = True
 
     def __post_init__(self) -> None:
-        unknown = [name for name in self.scenes if name not in SCENES]
+        unknown = [name for name in self.scenes if name not in SCENES + HARD]
         if unknown:
-            raise ValueError(f"unknown scene {unknown[0]!r}; there are {', '.join(SCENES)}")
+            there = ", ".join(SCENES + HARD)
+            raise ValueError(f"unknown scene {unknown[0]!r}; there are {there}")
         if not self.kinds:
             raise ValueError(
                 f"no kind of scene is left of {self.scenes} without "

@@ -11,7 +11,12 @@ from torch import Tensor, nn
 
 from recon.aggregation import BilateralAggregation
 from recon.kernels.shifts import cosine_distances
-from recon.networks import FeatureNetwork, load_features, save_regulariser
+from recon.networks import (
+    FeatureNetwork,
+    load_features,
+    save_regulariser,
+    stored_regulariser,
+)
 from recon.networks.regulariser import Estimate, Regulariser, RegulariserShape
 from recon.optimisation.learned import hints
 from recon.training.loss import close_share
@@ -48,7 +53,10 @@ class RegulariserRun(Run[RegulariserTraining]):
 
     def begin(self) -> nn.Module:
         """See `Run`."""
-        return Regulariser(RegulariserShape()).laid_out()
+        if self.settings.begin_from is None:
+            return Regulariser(RegulariserShape()).laid_out()
+        network = stored_regulariser(self.settings.begin_from)
+        return network.requires_grad_(requires_grad=True).laid_out()
 
     def look(self, pairs: Pairs) -> Update:
         """See `Run`."""

@@ -140,7 +140,7 @@ class Run(ABC, Generic[SettingsT]):
         """How long the run took so far, over all its parts."""
         return self._seconds_before + time.monotonic() - self._began
 
-    def identity(self) -> dict[str, str | int | float]:
+    def identity(self) -> dict[str, str | int | float | None]:
         """Return all that the weights follow from; a checkpoint must agree with it."""
         return {
             **self.settings.decisive(),

@@ -28,20 +28,28 @@ from recon.training.furnishing import (
     sheets,
     sky,
     solids,
+    tree,
 )
 from recon.training.profiles import hills
 from recon.training.recipe import FULL, Recipe
 from recon.training.staging import NEAR_M, Dice, Stage
+from recon.training.streets import street
 from recon.training.structures import columns, facade, fence, grid, steps, wires
 from recon.training.textures import noise_table
 
 __all__ = ["KINDS_OF_SCENE", "compose", "with_baseline"]
 
 MOST_WITH_SHADOW = 130
-SHARES = {"landscape": (0.03, 0.1), "close_up": (0.1, 0.25)}
+SHARES = {"landscape": (0.03, 0.1), "close_up": (0.1, 0.25), "street": (0.03, 0.15)}
 WIDE, NARROW = (0.03, 0.25), (0.08, 0.12)
 LARGEST_SHARE = 0.3
-FAR = {"landscape": (1 / 150, 1 / 15), "close_up": (1 / 12, 1 / 1.5), "sheets": (1 / 8, 1 / 1.3)}
+FAR = {
+    "landscape": (1 / 150, 1 / 15),
+    "close_up": (1 / 12, 1 / 1.5),
+    "sheets": (1 / 8, 1 / 1.3),
+    "street": (1 / 100, 1 / 25),
+    "bare_room": (1 / 8, 1 / 2),
+}
 FAR_ELSEWHERE = (1 / 20, 1 / 1.5)
 PROBE_WIDTH = 80
 X, Y, _ = torch.eye(3)
@@ -130,7 +138,7 @@ def _landscape(stage: Stage) -> list[Thing]:
         foot = (x, height, depth)
         choice = dice.whole(0, 3)
         if choice == 0:
-            things += _tree(stage, foot, size, bark, crown)
+            things += tree(stage, foot, size, bark, crown)
         elif choice == 1:
             thick = stage.metres(dice.log_uniform(0.8, 5), depth)
             things.append(rod(foot, (x, height - 1.5 * size, depth), thick, bark))
@@ -141,20 +149,6 @@ def _landscape(stage: Stage) -> list[Thing]:
             half = (size * dice.uniform(0.4, 1.5), size * 0.8, size * dice.uniform(0.4, 1.5))
             turn = rotation_about(Y, dice.uniform(-1.5, 1.5))
             things.append(Thing("box", foot, half, turn, wall))
-    return things
-
-
-def _tree(
-    stage: Stage, foot: tuple[float, float, float], size: float, bark: Coat, crown: Coat
-) -> list[Thing]:
-    """Return a trunk and a crown of one to three ellipsoids."""
-    x, y, z = foot
-    dice = stage.dice
-    things = [rod(foot, (x, y - 1.2 * size, z), 0.08 * size, bark)]
-    for _ in range(dice.whole(1, 3)):
-        at = (x + 0.3 * size * dice.uniform(-1, 1), y - size * dice.uniform(1.2, 1.8), z)
-        half = size * dice.uniform(0.35, 0.7)
-        things.append(Thing("ellipsoid", at, (half, 0.8 * half, half), dice.rotation(), crown))
     return things
 
 
@@ -180,6 +174,17 @@ def _relief(stage: Stage) -> list[Thing]:
     return found + solids(stage, dice.whole(1, 8))
 
 
+def _bare_room(stage: Stage) -> list[Thing]:
+    """Painted walls and furniture: most of the view has no texture to speak of."""
+    bare = replace(stage, weak_walls=0.7, weak_things=0.5)
+    dice = stage.dice
+    furniture = [
+        replace(thing, rotation=dice.rotation(0.15) @ rotation_about(Y, dice.uniform(-1.5, 1.5)))
+        for thing in solids(bare, dice.whole(3, 9), (0.06, 0.35), (0.1, 0.9))
+    ]
+    return room(bare) + furniture + solids(stage, dice.whole(1, 8), (0.02, 0.1))
+
+
 KINDS_OF_SCENE: dict[str, Callable[[Stage], list[Thing]]] = {
     "room": _furnished_room,
     "clutter": _clutter,
@@ -192,6 +197,8 @@ KINDS_OF_SCENE: dict[str, Callable[[Stage], list[Thing]]] = {
     "close_up": _close_up,
     "colonnade": _colonnade,
     "relief": _relief,
+    "street": street,
+    "bare_room": _bare_room,
 }
 
 

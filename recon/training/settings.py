@@ -113,7 +113,7 @@ class Training:
         """Pairs of the pool that are not."""
         return range(self.pairs - self.validation_pairs, self.pairs)
 
-    def decisive(self) -> dict[str, str | int | float]:
+    def decisive(self) -> dict[str, str | int | float | None]:
         """Return the settings that the weights follow from: all but folders and habits."""
         settings = {name: value for name, value in asdict(self).items() if name not in HABITS}
         size, recipe = "{} x {}".format(*self.size), recipe_hash(self.recipe)
@@ -163,6 +163,7 @@ class RegulariserTraining(Training):
         most_candidates: disparities that are searched at most.
         spare_range: how much more than the largest disparity of a batch is searched, at most, as a
             share: nobody knows the range exactly.
+        begin_from: weights to begin from, a name that ships or a file; random ones if not given.
     """
 
     command_words: ClassVar[str] = "reconstruct train regulariser"
@@ -176,6 +177,7 @@ class RegulariserTraining(Training):
     direct_share: float = 0.4
     most_candidates: int = 144
     spare_range: float = 0.6
+    begin_from: str | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -71,12 +71,16 @@ class Stage:
         view: the cameras; their baseline does not matter yet.
         recipe: what may be used.
         far: smallest disparity, as a share of that of `NEAR_M`.
+        weak_walls: share of walls, grounds and backdrops that are nearly blank.
+        weak_things: share of other things that are.
     """
 
     dice: Dice
     view: View
     recipe: Recipe
     far: float
+    weak_walls: float = WEAK_WALLS
+    weak_things: float = WEAK_THINGS
 
     def depth(self, low: float = 0.0, high: float = 1.0) -> float:
         """Return a depth whose disparity is uniform; 0 is the back, 1 the front."""
@@ -99,19 +103,19 @@ class Stage:
 
     def painted(self, depth: float, styles: tuple[str, ...] = tuple(STYLES)) -> Coat:
         """Return random paint for something at `depth`."""
-        if self.recipe.weak_texture and self.dice.chance(WEAK_THINGS):
-            return self._blank(depth)
+        if self.recipe.weak_texture and self.dice.chance(self.weak_things):
+            return self.blank(depth)
         return self._patterned(depth, styles)
 
     def papered(self, depth: float, styles: tuple[str, ...] = tuple(STYLES)) -> Coat:
         """Return random paint for a wall, a ground or a backdrop, seen at about `depth`.
 
-        `WEAK_WALLS` of them are nearly blank, and no others.
+        `weak_walls` of them are nearly blank, and no others.
         """
         if not self.recipe.textured_background:
             return Coat("flat", self.dice.colours(1e-4, 2e-4), self._frequency(depth), grain=0.0)
-        if self.recipe.weak_texture and self.dice.chance(WEAK_WALLS):
-            return self._blank(depth)
+        if self.recipe.weak_texture and self.dice.chance(self.weak_walls):
+            return self.blank(depth)
         rich = tuple(style for style in styles if style not in PLAIN)
         return self._patterned(depth, rich)
 
@@ -136,7 +140,7 @@ class Stage:
             offset=(dice.uniform(0, 500), dice.uniform(0, 500)),
         )
 
-    def _blank(self, depth: float) -> Coat:
+    def blank(self, depth: float) -> Coat:
         """Return nearly even paint with faint grain of a few pixels, as on a wall of a room."""
         dice = self.dice
         return Coat(
