@@ -14,7 +14,7 @@ from recon.training.augmentation import Augmentation
 from recon.training.casting import Camera, first_hits, windows
 from recon.training.composition import Coat, Thing, View, assemble
 from recon.training.patterns import PERIODIC, STYLES
-from recon.training.recipe import FULL, REPEATING, SCENES, Recipe, recipe_hash
+from recon.training.recipe import FULL, HARD, REPEATING, SCENES, Recipe, recipe_hash
 from recon.training.scenery import KINDS_OF_SCENE, compose
 from recon.training.shapes import KINDS
 from recon.training.staging import WEAK_WALLS, Dice, Stage
@@ -57,7 +57,7 @@ def largest_share(seed, recipe=FULL, quantile=0.99):
 
 
 def test_every_scene_that_a_recipe_may_name_can_be_made():
-    assert tuple(KINDS_OF_SCENE) == SCENES
+    assert tuple(KINDS_OF_SCENE) == SCENES + HARD
     assert set(REPEATING) < set(SCENES)
 
 
@@ -105,6 +105,20 @@ def test_a_set_share_of_the_walls_is_nearly_blank(recipe):
     blank = np.mean([coat.style in ("flat", "gradient") for coat in coats])
     expected = WEAK_WALLS if recipe.weak_texture else 0
     assert abs(blank - expected) <= 3 * math.sqrt(expected * (1 - expected) / 400)
+
+
+def test_most_walls_of_a_bare_room_are_blank():
+    found = [
+        coat for seed in range(30) for coat in wall_styles(seed, Recipe(scenes=("bare_room",)))
+    ]
+
+    assert np.mean(np.isin(found, ("flat", "gradient"))) > 0.4
+
+
+def wall_styles(seed, recipe):
+    """Return the styles of the first four surfaces of a scene, which are walls."""
+    scene, _ = compose(torch.Generator().manual_seed(seed), SIZE, recipe)
+    return [list(STYLES)[style] for style in scene.paints.style[:4]]
 
 
 def test_blank_walls_have_faint_grain_and_others_have_contrast():

@@ -12,7 +12,7 @@ from rendered import VIEW, coat, still_life_sample
 from recon.training import lighting, samples, scenes
 from recon.training.composition import Coat, Thing, View, assemble, rotation_about
 from recon.training.pool import draw_pair, fill_pool, read_pair
-from recon.training.recipe import SCENES, Recipe
+from recon.training.recipe import HARD, SCENES, Recipe
 from recon.training.samples import STILL_LIFES
 from recon.training.scenery import compose
 from recon.training.scenes import draw, render
@@ -214,7 +214,7 @@ def test_looking_only_where_shapes_can_be_changes_nothing(seed, monkeypatch):
         assert torch.equal(getattr(culled, field.name), getattr(whole, field.name)), field.name
 
 
-@pytest.mark.parametrize("kind", SCENES)
+@pytest.mark.parametrize("kind", SCENES + HARD)
 def test_pairs_of_every_kind_are_whole(kind):
     for seed in range(2):
         generator = torch.Generator().manual_seed(seed)

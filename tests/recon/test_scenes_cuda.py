@@ -5,7 +5,7 @@ import torch
 from rendered import still_life_sample
 
 from recon.training.augmentation import Augmentation, Pairs
-from recon.training.recipe import SCENES, Recipe
+from recon.training.recipe import HARD, SCENES, Recipe
 from recon.training.scenery import compose
 from recon.training.scenes import draw, render
 
@@ -25,7 +25,7 @@ def moved(value, device):
     return value
 
 
-@pytest.mark.parametrize("kind", SCENES)
+@pytest.mark.parametrize("kind", SCENES + HARD)
 def test_a_scene_looks_the_same_on_the_device(kind):
     generator = torch.Generator().manual_seed(1)
     scene, view = compose(generator, (96, 64), Recipe(scenes=(kind,)))
@@ -39,7 +39,7 @@ def test_a_scene_looks_the_same_on_the_device(kind):
     assert (on_cpu.visible != on_device.visible.cpu()).float().mean() < 0.005
 
 
-@pytest.mark.parametrize("kind", SCENES)
+@pytest.mark.parametrize("kind", SCENES + HARD)
 def test_a_scene_is_composed_and_drawn_on_the_device_of_its_generator(kind):
     pairs = [
         draw(torch.Generator("cuda").manual_seed(3), (64, 40), recipe=Recipe(scenes=(kind,)))

@@ -55,6 +55,19 @@ def test_a_run_that_was_killed_ends_at_the_same_weights(settings, tmp_path):
     assert torch.equal(weights_of(train(settings)), whole)
 
 
+def test_training_goes_on_from_given_weights(settings, tmp_path):
+    first = train(replace(settings, out=tmp_path / "first"))
+    stored = str(tmp_path / "first" / "regulariser.safetensors")
+
+    further = replace(settings, out=tmp_path / "further", begin_from=stored)
+
+    at_first = RegulariserRun(further, CPU)
+    assert torch.equal(weights_of(at_first.trained), weights_of(first))
+    assert not torch.equal(weights_of(train(further)), weights_of(first))
+    with pytest.raises(ValueError, match="there is no"):
+        RegulariserRun(replace(further, begin_from=str(tmp_path / "none.safetensors")), CPU)
+
+
 def test_weights_and_card_say_what_they_are(settings):
     scores = []
     network = train(settings, observe=lambda _, result: scores.append(result))
