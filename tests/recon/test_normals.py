@@ -200,10 +200,9 @@ def test_the_compiled_fit_is_that_of_the_slow_loop():
 def test_the_normals_of_a_photograph_take_less_than_a_second():
     values = np.random.default_rng(3).normal(60, 0.2, (1000, 1400)).astype(np.float32)
     geometry = RectifiedGeometry((1400, 1000), 1200.0, (700, 500), (700, 500), 0.2)
-    surface_normals(values[:9], geometry.resized((1400, 9)))  # compiled before it is timed
 
     fastest = np.inf
-    for _ in range(3):
+    for _ in range(4):  # the first one may compile
         start = time.perf_counter()
         surface_normals(values, geometry)
         fastest = min(fastest, time.perf_counter() - start)
