@@ -34,7 +34,7 @@ OUTPUTS = {
     "disparity.png": "the same as colours, with a bar",
     "depth.png": "depth in millimetres, 16 bit; 0 where there is none",
     "status.png": "why each pixel has a disparity, or has none",
-    "cloud.ply": "points in metres with colour, confidence, depth_sigma_m and status",
+    "cloud.ply": "points in metres with normal, colour, confidence, depth_sigma_m and status",
     "mesh.glb": "surfaces with the left photograph as texture, metres, y up",
     "mesh_vertex_colours.glb": "the same with colours at the vertices",
     "recording.rrd": "every stage, for Rerun",

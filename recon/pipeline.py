@@ -11,7 +11,7 @@ from calib.rectify import Rectifier
 from recon.disparity_range import check_range, estimate_range
 from recon.observer import Observer, ignore
 from recon.settings import Preset
-from recon.triangulation import depth_map, triangulate
+from recon.triangulation import depth_map
 from recon.types import Array, DisparityMap, Mesh, PointCloud
 
 __all__ = ["Reconstruction", "reconstruct"]
@@ -72,8 +72,7 @@ def reconstruct(
     observe("depth", depth)
 
     kept = preset.triangulation.kept_pixels(disparity, pair.geometry)
-    sigma_px = preset.triangulation.disparity_sigma_px
-    cloud = triangulate(disparity, pair, kept=kept, disparity_sigma_px=sigma_px)
+    cloud = preset.triangulation(disparity, pair, kept=kept)
     observe("cloud", cloud)
     mesh = preset.meshing(disparity, pair, kept=kept)
     observe("mesh", mesh)

@@ -8,6 +8,7 @@ import numpy as np
 
 from calib.pair import RectifiedPair
 from calib.rig import RectifiedGeometry
+from recon.normals import surface_normals
 from recon.types import Array, DisparityMap, PixelStatus, PointCloud
 
 __all__ = [
@@ -93,6 +94,7 @@ def triangulate(
     *,
     kept: Array | None = None,
     disparity_sigma_px: float = 0.5,
+    depth_edge_px: float = 1.0,
 ) -> PointCloud:
     """Place every pixel with a disparity in space.
 
@@ -107,6 +109,7 @@ def triangulate(
         kept: (H, W) bool, the pixels to place; all of them if not given.
         disparity_sigma_px: standard deviation of the disparities, pixels; it scales
             `depth_sigma_m` of the points and nothing else.
+        depth_edge_px: smallest step of disparity that no normal is fitted over.
 
     Returns:
         N points in metres, in row order; pixels at or beyond infinity are left out.
@@ -118,9 +121,12 @@ def triangulate(
     placed = np.isfinite(depth)
     if kept is not None:
         placed &= kept
+    on_surfaces = np.where(placed, disparity.values, np.nan)
+    normals = surface_normals(on_surfaces, pair.geometry, depth_edge_px=depth_edge_px)
     return PointCloud(
         points=positions(depth, placed, pair.geometry),
         colours=pair.left[placed],
+        normals=normals[placed],
         confidence=disparity.confidence[placed],
         depth_sigma_m=depth_sigma(depth[placed], pair.geometry, disparity_sigma_px),
         status=disparity.status[placed],
@@ -251,21 +257,27 @@ class Triangulation:
             kept &= ~flying_pixels(disparity.values, depth_edge_px=self.depth_edge_px)
         return kept
 
-    def __call__(self, disparity: DisparityMap[Array], pair: RectifiedPair) -> PointCloud:
+    def __call__(
+        self, disparity: DisparityMap[Array], pair: RectifiedPair, *, kept: Array | None = None
+    ) -> PointCloud:
         """Return the kept pixels as points, in row order.
 
         Args:
             disparity: (H, W), of the left view, in pixels.
             pair: the images and geometry it was computed from.
+            kept: (H, W) bool, of `kept_pixels`; computed if not given.
 
         Raises:
             ValueError: if `disparity` and `pair` differ in size.
         """
+        if kept is None:
+            kept = self.kept_pixels(disparity, pair.geometry)
         return triangulate(
             disparity,
             pair,
-            kept=self.kept_pixels(disparity, pair.geometry),
+            kept=kept,
             disparity_sigma_px=self.disparity_sigma_px,
+            depth_edge_px=self.depth_edge_px,
         )
 
 

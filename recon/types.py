@@ -6,7 +6,7 @@ are NumPy arrays. `DisparityMap` exists on both sides, hence its type parameter.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from enum import IntEnum
 from typing import Any, Generic, TypeVar
 
@@ -26,6 +26,9 @@ __all__ = [
 
 Array = npt.NDArray[Any]
 ArrayT = TypeVar("ArrayT", Tensor, Array)
+
+UNIT_LENGTH_TOLERANCE = 1e-3
+"""How far the length of a normal may be from 1: it may have been stored in 16 bits."""
 
 
 class PixelStatus(IntEnum):
@@ -143,6 +146,7 @@ class PointCloud:
     Attributes:
         points: (N, 3) float32, metres, finite.
         colours: (N, 3) uint8 RGB.
+        normals: (N, 3) float32, unit length, facing the camera that saw the point.
         confidence: (N,) float32 in [0, 1].
         depth_sigma_m: (N,) float32, expected standard deviation of the depth, metres.
         status: (N,) uint8, a `PixelStatus`.
@@ -150,6 +154,7 @@ class PointCloud:
 
     points: Array
     colours: Array
+    normals: Array
     confidence: Array
     depth_sigma_m: Array
     status: Array
@@ -159,6 +164,7 @@ class PointCloud:
         expected = {
             "points": (count, 3),
             "colours": (count, 3),
+            "normals": (count, 3),
             "confidence": (count,),
             "depth_sigma_m": (count,),
             "status": (count,),
@@ -168,9 +174,20 @@ class PointCloud:
                 raise ValueError(f"{name} must be {shape}, got {getattr(self, name).shape}")
         if not np.isfinite(self.points).all():
             raise ValueError("points must be finite")
+        lengths = np.linalg.norm(self.normals, axis=1)
+        if not (np.abs(lengths - 1) <= UNIT_LENGTH_TOLERANCE).all():
+            raise ValueError("normals must be of unit length, and none may be NaN")
 
     def __len__(self) -> int:
         return len(self.points)
+
+    def chosen(self, which: Array) -> PointCloud:
+        """Return some of the points, with all that is known of them.
+
+        Args:
+            which: (N,) bool, or indices (M,) in the order that is wanted.
+        """
+        return PointCloud(**{f.name: getattr(self, f.name)[which] for f in fields(self)})
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,6 +16,9 @@ PROPERTIES = (
     ("x", "float"),
     ("y", "float"),
     ("z", "float"),
+    ("nx", "float"),
+    ("ny", "float"),
+    ("nz", "float"),
     ("red", "uchar"),
     ("green", "uchar"),
     ("blue", "uchar"),
@@ -54,6 +57,7 @@ def write_ply(path: str | os.PathLike[str], cloud: PointCloud) -> None:
     vertices = np.zeros(len(cloud), [(name, NUMPY_TYPES[kind]) for name, kind in PROPERTIES])
     for axis, name in enumerate("xyz"):
         vertices[name] = cloud.points[:, axis]
+        vertices[f"n{name}"] = cloud.normals[:, axis]
     for channel, name in enumerate(("red", "green", "blue")):
         vertices[name] = cloud.colours[:, channel]
     for name in ("confidence", "depth_sigma_m", "status"):
@@ -103,6 +107,7 @@ def read_ply(path: str | os.PathLike[str]) -> PointCloud:
     return PointCloud(
         points=columns("x", "y", "z").astype(np.float32),
         colours=columns("red", "green", "blue").astype(np.uint8),
+        normals=columns("nx", "ny", "nz").astype(np.float32),
         confidence=vertices["confidence"].astype(np.float32),
         depth_sigma_m=vertices["depth_sigma_m"].astype(np.float32),
         status=vertices["status"].astype(np.uint8),

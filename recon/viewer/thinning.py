@@ -38,13 +38,7 @@ def thinned_points(cloud: PointCloud, max_points: int) -> PointCloud:
     if len(cloud) <= max_points:
         return cloud
     chosen = np.linspace(0, len(cloud) - 1, max_points).astype(np.intp)
-    return PointCloud(
-        points=cloud.points[chosen],
-        colours=cloud.colours[chosen],
-        confidence=cloud.confidence[chosen],
-        depth_sigma_m=cloud.depth_sigma_m[chosen],
-        status=cloud.status[chosen],
-    )
+    return cloud.chosen(chosen)
 
 
 def thinned_mesh(mesh: Mesh, max_faces: int) -> Mesh:

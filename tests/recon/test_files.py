@@ -47,9 +47,11 @@ def save(path, image):
 
 def a_cloud(count=50, seed=0):
     random = np.random.default_rng(seed)
+    directions = random.normal(0, 1, (count, 3))
     return PointCloud(
         points=random.normal(0, 3, (count, 3)).astype(np.float32),
         colours=random.integers(0, 256, (count, 3), dtype=np.uint8),
+        normals=(directions / np.linalg.norm(directions, axis=1, keepdims=True)).astype(np.float32),
         confidence=random.random(count).astype(np.float32),
         depth_sigma_m=random.random(count).astype(np.float32),
         status=random.choice([1, 4, 5], count).astype(np.uint8),
@@ -445,7 +447,7 @@ def test_open3d_reads_every_property_of_the_ply(tmp_path):
         ((b"binary_little_endian", b"ascii"), "is 'format ascii 1.0'; expected binary_little"),
         ((b"element vertex", b"element face"), "does not begin with vertices"),
         ((b"float confidence", b"float quality"), r"lacks \['confidence'\]"),
-        ((b"vertex 50", b"vertex 51"), "51 points need 1224 bytes, it has 1200"),
+        ((b"vertex 50", b"vertex 51"), "51 points need 1836 bytes, it has 1800"),
     ],
 )
 def test_a_foreign_ply_is_refused(tmp_path, change, message):
