@@ -24,7 +24,7 @@ PUBLIC = {
         MatchingCost NormalisedCrossCorrelation SumOfAbsoluteDifferences SumOfSquaredDifferences
         ZeroMeanNormalisedCrossCorrelation""",
     "recon.networks": """Architecture FeatureNetwork Regulariser RegulariserShape load_features
-        load_regulariser save_features save_regulariser shipped_weights""",
+        load_regulariser save_features save_regulariser shipped_weights stored_regulariser""",
     "recon.optimisation": """LearnedOptimisation OPTIMISATIONS Optimisation SemiGlobal
         WinnerTakesAll""",
     "recon.refinement": "REFINEMENTS DomainTransform Median Refinement WeightedMedian",
