@@ -11,6 +11,7 @@ import torch
 from torch import Tensor
 
 from calib.pair import Image, RectifiedPair
+from calib.row_alignment import RowAlignment
 from recon.aggregation import Aggregation
 from recon.coarse_to_fine import CoarseToFine, both_views_checked
 from recon.confidence import Confidence
@@ -50,6 +51,8 @@ class Matcher:
             is the same, but for semi-global paths: they begin 64 rows outside the strip.
         coarse_to_fine: matches a smaller pair first and searches only around what that shows;
             without one every pixel has every candidate.
+        row_alignment: shifts the rows of the right view to those of the left first, by what a
+            rectification leaves; without one they are matched as they are.
     """
 
     matching_cost: MatchingCost
@@ -62,6 +65,7 @@ class Matcher:
     refinements: tuple[Refinement, ...] = ()
     volume_limit_mb: float = 768.0
     coarse_to_fine: CoarseToFine | None = None
+    row_alignment: RowAlignment | None = None
 
     def __post_init__(self) -> None:
         for name in ("left_right_tolerance_px", "min_segment_px"):
@@ -97,6 +101,9 @@ class Matcher:
         """
         if len(disparities) == 0 or disparities.step != 1:
             raise ValueError(f"disparities must be consecutive, at least one, got {disparities}")
+        if self.row_alignment is not None:
+            pair = self.row_alignment(pair)
+            observe("row_alignment", pair)
         left, right = (_as_tensor(image, device) for image in (pair.left, pair.right))
 
         of_left, of_right = self._disparities_of_both_views(left, right, disparities, observe)

@@ -15,6 +15,7 @@ from typing import Any, get_type_hints
 
 from pydantic import TypeAdapter, ValidationError
 
+from calib.row_alignment import RowAlignment
 from recon.aggregation import AGGREGATIONS
 from recon.coarse_to_fine import CoarseToFine
 from recon.confidence import Confidence
@@ -55,6 +56,7 @@ OPTIONS: dict[str, type] = {
     "filling": Filling,
     "confidence": Confidence,
     "coarse_to_fine": CoarseToFine,
+    "row_alignment": RowAlignment,
 }
 """Stages of one method that can be left out by `false`, and put in by `true`."""
 

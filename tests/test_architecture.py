@@ -25,7 +25,7 @@ ROWS = (
         "recon.refinement",
         "recon.colours",
     ),
-    ("calib.row_correction", "calib.estimation", "recon.coarse_to_fine"),
+    ("calib.row_alignment", "calib.row_correction", "calib.estimation", "recon.coarse_to_fine"),
     ("calib.uncalibrated",),
     ("recon.tiles",),
     ("recon.matcher", "recon.normals"),

@@ -5,12 +5,15 @@ import sys
 from dataclasses import replace
 from itertools import pairwise
 
+import cv2
 import numpy as np
 import pytest
 import torch
+from turned import workshop
 
 from calib.pair import RectifiedPair
 from calib.rig import RectifiedGeometry
+from calib.row_alignment import RowAlignment
 from recon.aggregation import AGGREGATIONS, BilateralAggregation
 from recon.filling import Filling
 from recon.matcher import Matcher
@@ -25,6 +28,7 @@ HEIGHT, WIDTH = 60, 100
 NEAR, FAR = 9, 3
 SQUARE = (slice(20, 45), slice(40, 70))
 SEARCHED = range(14)
+SEARCHED_OF_WORKSHOP = range(48)
 
 MATCHER = Matcher(Census(), BilateralAggregation(radius_px=4), refinements=(DomainTransform(),))
 
@@ -68,6 +72,23 @@ def test_a_scene_is_matched_within_half_a_pixel_where_both_cameras_see_it(pair, 
     good = np.abs(disparity.values - truth) < 0.5
     assert good[~hidden].mean() > 0.99
     assert good[hidden].mean() > 0.8
+
+
+def test_rows_are_aligned_first_if_asked_for():
+    pair = workshop()
+    y, x = np.mgrid[: pair.right.shape[0], : pair.right.shape[1]].astype(np.float32)
+    lower = cv2.remap(pair.right, x, y + 0.7, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
+    apart = RectifiedPair(pair.left, lower, pair.geometry)
+    aligning = replace(MATCHER, row_alignment=RowAlignment())
+    seen = {}
+
+    straight = MATCHER(pair, SEARCHED_OF_WORKSHOP).values
+    off = np.abs(MATCHER(apart, SEARCHED_OF_WORKSHOP).values - straight) > 1
+    aligned = aligning(apart, SEARCHED_OF_WORKSHOP, observe=seen.__setitem__).values
+
+    assert (np.abs(aligned - straight) > 1).mean() < 0.5 * off.mean()
+    assert np.array_equal(seen["row_alignment"].left, pair.left)
+    assert not np.array_equal(seen["row_alignment"].right, lower)
 
 
 def test_every_pixel_has_a_disparity_and_says_where_from(pair):
