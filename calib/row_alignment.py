@@ -124,7 +124,8 @@ def _fitted(terms: Array, offsets: Array) -> Array:
     found: Array = np.zeros(terms.shape[1])
     for _ in range(STEPS):
         root = np.sqrt(weights)
-        found = np.linalg.lstsq(terms * root[:, None], offsets * root, rcond=None)[0]
+        solved = np.linalg.lstsq(terms * root[:, None], offsets * root, rcond=None)
+        found = np.asarray(solved[0], np.float64)
         residual = np.abs(offsets - terms @ found)
         weights = HUBER_PX / np.maximum(residual, HUBER_PX)
     return found
