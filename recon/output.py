@@ -11,6 +11,7 @@ from pathlib import Path
 from calib.formats import write_calibration
 from calib.pair import RectifiedPair
 from recon.files import (
+    write_cloud,
     write_depth_png,
     write_disparity_png,
     write_glb,
@@ -22,6 +23,7 @@ from recon.files import (
 from recon.pipeline import Reconstruction
 
 __all__ = [
+    "OPTIONAL_CLOUDS",
     "OUTPUTS",
     "RECTIFIED_OUTPUTS",
     "all_or_nothing",
@@ -41,11 +43,20 @@ OUTPUTS = {
     "run.json": "settings, versions, times, counts and the metric sanity line",
 }
 
+OPTIONAL_CLOUDS = {
+    "npz": "cloud.npz",
+    "las": "cloud.las",
+    "laz": "cloud.laz",
+}
+"""Further formats of the cloud, and their files."""
+
 RECTIFIED_OUTPUTS = ("left.png", "right.png", "rig.json")
 
 
 @contextmanager
-def all_or_nothing(folder: Path, outputs: Collection[str] = OUTPUTS) -> Iterator[Path]:
+def all_or_nothing(
+    folder: Path, outputs: Collection[str] = (*OUTPUTS, *OPTIONAL_CLOUDS.values())
+) -> Iterator[Path]:
     """Give a new folder inside `folder`; its files move into `folder` if nothing went wrong.
 
     Then those of `outputs` that an earlier run left and this one did not make are removed: a
@@ -103,12 +114,13 @@ def _moved(unfinished: Path, folder: Path, outputs: Collection[str]) -> None:
         (folder / name).unlink(missing_ok=True)
 
 
-def write_results(folder: Path, result: Reconstruction) -> None:
+def write_results(folder: Path, result: Reconstruction, *, clouds: Collection[str] = ()) -> None:
     """Write all of `OUTPUTS` but the recording and run.json.
 
     Args:
         folder: exists.
         result: of `reconstruct`.
+        clouds: keys of `OPTIONAL_CLOUDS`, formats to write the cloud in beside PLY.
 
     Raises:
         ValueError: if there is nothing to write, as when no pixel was matched.
@@ -124,6 +136,8 @@ def write_results(folder: Path, result: Reconstruction) -> None:
     write_depth_png(folder / "depth.png", result.depth)
     write_status_png(folder / "status.png", disparity.status)
     write_ply(folder / "cloud.ply", result.cloud)
+    for name in clouds:
+        write_cloud(folder / OPTIONAL_CLOUDS[name], result.cloud)
     write_glb(folder / "mesh.glb", result.mesh)
     write_glb(folder / "mesh_vertex_colours.glb", result.mesh, vertex_colours=True)
 

@@ -57,6 +57,7 @@ ONLY_IN = {
     "tyro": ("recon.cli",),
     "pydantic": ("recon.settings",),
     "trimesh": ("recon.files",),
+    "laspy": ("recon.files",),
     "safetensors": ("recon.networks",),
     "yaml": ("calib.formats",),
     "jinja2": ("recon.evaluation", "recon.calibration"),

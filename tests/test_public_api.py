@@ -17,9 +17,9 @@ PUBLIC = {
         rectify_and_check""",
     "recon.aggregation": """AGGREGATIONS Aggregation BilateralAggregation BoxAggregation
         NoAggregation""",
-    "recon.files": """atomic read_image read_image_pair read_pfm read_ply read_side_by_side
-        write_depth_png write_disparity_png write_glb write_image write_json write_pfm write_ply
-        write_status_png""",
+    "recon.files": """CLOUD_FORMATS atomic read_cloud read_image read_image_pair read_pfm read_ply
+        read_side_by_side write_cloud write_depth_png write_disparity_png write_glb write_image
+        write_json write_pfm write_ply write_status_png""",
     "recon.matching_cost": """MATCHING_COSTS AbsoluteDifference AdCensus Census LearnedCost
         MatchingCost NormalisedCrossCorrelation SumOfAbsoluteDifferences SumOfSquaredDifferences
         ZeroMeanNormalisedCrossCorrelation""",

@@ -34,6 +34,7 @@ if TYPE_CHECKING:
 
 __all__ = ["demo", "pair"]
 
+CloudFormat = Literal["npz", "las", "laz"]
 Recording = Literal["save", "serve", "spawn", "none"]
 
 
@@ -46,12 +47,14 @@ class Means:
         recording: what becomes of the recording.
         refine: whether to refine the rectification.
         ignore: whether to go on if the rectification is meaningless.
+        clouds: formats to write the cloud in, beside PLY.
     """
 
     device: str
     recording: Recording
     refine: bool = False
     ignore: bool = False
+    clouds: tuple[CloudFormat, ...] = ()
 
 
 def pair(  # noqa: PLR0913  every one is an option of the command
@@ -74,6 +77,7 @@ def pair(  # noqa: PLR0913  every one is an option of the command
     scale: float = 1.0,
     device: Device = "auto",
     recording: Recording = "save",
+    cloud_format: tuple[CloudFormat, ...] = (),
     settings: Path | None = None,
     override: Overrides = (),
 ) -> None:
@@ -103,6 +107,8 @@ def pair(  # noqa: PLR0913  every one is an option of the command
         scale: resize the pair first; 0.5 is four times faster or more, and coarser.
         device: where to compute.
         recording: write a Rerun recording, show it in a browser or a window too, or neither.
+        cloud_format: write the cloud in these formats too, beside cloud.ply: npz (NumPy), las or
+            laz (surveyors' programs; z is up there).
         settings: TOML file with settings that replace those of the preset.
         override: one setting such as aggregation.radius_px=7 or matching_cost.method=census;
             may be given again and again.
@@ -125,7 +131,13 @@ def pair(  # noqa: PLR0913  every one is an option of the command
         out,
         _preset_for(preset, settings, (*override, *_at_least(min_confidence))),
         RangeRequest(min_disparity, max_disparity, scale),
-        Means(device_named(device), recording, refine_rectification, ignore_rectification),
+        Means(
+            device_named(device),
+            recording,
+            refine_rectification,
+            ignore_rectification,
+            cloud_format,
+        ),
     )
 
 
@@ -249,7 +261,7 @@ def _run(
         result = reconstruct(
             checked.pair, preset, disparities=disparities, device=device, observe=watch
         )
-        write_results(folder, result)
+        write_results(folder, result, clouds=means.clouds)
         watch("write", sorted(path.name for path in folder.iterdir()))
         report = {
             **run_report(

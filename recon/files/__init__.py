@@ -1,5 +1,6 @@
 """Reading photographs and disparities, writing results. Every writer is atomic."""
 
+from recon.files.clouds import CLOUD_FORMATS, read_cloud, write_cloud
 from recon.files.glb import write_glb
 from recon.files.images import (
     read_image,
@@ -13,12 +14,15 @@ from recon.files.ply import read_ply, write_ply
 from recon.files.writing import atomic, write_json
 
 __all__ = [
+    "CLOUD_FORMATS",
     "atomic",
+    "read_cloud",
     "read_image",
     "read_image_pair",
     "read_pfm",
     "read_ply",
     "read_side_by_side",
+    "write_cloud",
     "write_depth_png",
     "write_disparity_png",
     "write_glb",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,7 @@ import numpy as np
 from recon.files.writing import atomic
 from recon.types import Array, PointCloud
 
-__all__ = ["read_ply", "write_ply"]
+__all__ = ["read_ply", "write_ply", "write_ply_vertices"]
 
 PROPERTIES = (
     ("x", "float"),
@@ -47,6 +48,14 @@ NUMPY_TYPES = {
 LONGEST_HEADER = 65536
 
 
+COMMENTS = (
+    "metres; left rectified camera: x right, y down, z forward",
+    "confidence: probability that the disparity is within 1 px",
+    "status: 1 matched, 4 filled_occlusion, 5 filled_mismatch",
+)
+KINDS = {"f4": "float", "u1": "uchar", "i4": "int"}
+
+
 def write_ply(path: str | os.PathLike[str], cloud: PointCloud) -> None:
     """Write a point cloud, binary little endian, in the names that viewers read.
 
@@ -54,20 +63,36 @@ def write_ply(path: str | os.PathLike[str], cloud: PointCloud) -> None:
         path: of the file to write.
         cloud: in metres, in the frame of the left rectified camera (x right, y down, z forward).
     """
-    vertices = np.zeros(len(cloud), [(name, NUMPY_TYPES[kind]) for name, kind in PROPERTIES])
-    for axis, name in enumerate("xyz"):
-        vertices[name] = cloud.points[:, axis]
-        vertices[f"n{name}"] = cloud.normals[:, axis]
-    for channel, name in enumerate(("red", "green", "blue")):
-        vertices[name] = cloud.colours[:, channel]
-    for name in ("confidence", "depth_sigma_m", "status"):
-        vertices[name] = getattr(cloud, name)
+    axes = [(prefix + axis, number) for prefix in ("", "n") for number, axis in enumerate("xyz")]
+    properties = {
+        **{n: (cloud.normals if n[0] == "n" else cloud.points)[:, axis] for n, axis in axes},
+        **dict(zip(("red", "green", "blue"), cloud.colours.T, strict=True)),
+        **{name: getattr(cloud, name) for name in ("confidence", "depth_sigma_m", "status")},
+    }
+    write_ply_vertices(path, properties, comments=COMMENTS)
+
+
+def write_ply_vertices(
+    path: str | os.PathLike[str], properties: Mapping[str, Array], *, comments: Sequence[str] = ()
+) -> None:
+    """Write points with any properties, binary little endian.
+
+    Args:
+        path: of the file to write.
+        properties: (N,) float32, int32 or uint8 by name, in the order of the file.
+        comments: lines of ASCII that the file begins with.
+    """
+    kinds = {name: np.asarray(values).dtype.str[1:] for name, values in properties.items()}
+    count = len(next(iter(properties.values())))
+    vertices = np.zeros(count, [(name, f"<{kind}") for name, kind in kinds.items()])
+    for name, values in properties.items():
+        vertices[name] = values
     header = [
         "ply",
         "format binary_little_endian 1.0",
-        "comment metres; left rectified camera: x right, y down, z forward",
-        f"element vertex {len(cloud)}",
-        *(f"property {kind} {name}" for name, kind in PROPERTIES),
+        *(f"comment {line}" for line in comments),
+        f"element vertex {count}",
+        *(f"property {KINDS[kind]} {name}" for name, kind in kinds.items()),
         "end_header",
     ]
     with atomic(path) as partial:

@@ -17,17 +17,18 @@ GEOMETRY = RectifiedGeometry(
 )
 
 
-def rays():
+def rays(geometry=GEOMETRY):
     """Return (H, W, 3) directions ((x - cx) / f, (y - cy) / f, 1)."""
-    y, x = np.mgrid[:HEIGHT, :WIDTH]
-    cx, cy = GEOMETRY.centre_left
-    f = GEOMETRY.focal_px
+    width, height = geometry.size
+    y, x = np.mgrid[:height, :width]
+    cx, cy = geometry.centre_left
+    f = geometry.focal_px
     return np.stack([(x - cx) / f, (y - cy) / f, np.ones(x.shape)], axis=2)
 
 
-def disparities_of(depth):
-    scale = GEOMETRY.focal_px * GEOMETRY.baseline_m
-    return (scale / depth + GEOMETRY.disparity_at_infinity).astype(np.float32)
+def disparities_of(depth, geometry=GEOMETRY):
+    scale = geometry.focal_px * geometry.baseline_m
+    return (scale / depth + geometry.disparity_at_infinity).astype(np.float32)
 
 
 def a_plane(normal, through):
@@ -57,8 +58,9 @@ def test_the_normal_of_a_plane_is_that_of_the_plane_wherever_the_principal_point
 
 
 def test_the_normals_of_a_sphere_point_from_its_centre():
+    geometry = GEOMETRY.resized((4 * WIDTH, 4 * HEIGHT))
     centre, radius = np.array([0.2, -0.1, 2.5]), 0.9
-    directions = rays()
+    directions = rays(geometry)
     along = directions @ centre
     squares = (directions**2).sum(axis=2)
     inside = along**2 - squares * (centre @ centre - radius**2)
@@ -66,12 +68,13 @@ def test_the_normals_of_a_sphere_point_from_its_centre():
         depth = (along - np.sqrt(inside)) / squares
     expected = (directions * depth[..., None] - centre) / radius
 
-    normals = surface_normals(disparities_of(depth), GEOMETRY)
+    normals = surface_normals(disparities_of(depth, geometry), geometry)
 
-    error = degrees_between(normals, expected)[inside > 0]
-    assert np.median(error) < 0.5
-    steep = -(expected * directions).sum(axis=2)[inside > 0] / np.sqrt(squares[inside > 0]) < 0.5
-    assert np.percentile(error[~steep], 99) < 3
+    seen = inside > 0
+    error = degrees_between(normals, expected)[seen]
+    facing = -(expected * directions).sum(axis=2)[seen] / np.sqrt(squares[seen])  # a cosine
+    assert np.median(error) < 0.3
+    assert np.percentile(error[facing > 0.5], 99) < 1.5
 
 
 def test_no_normal_is_fitted_over_a_depth_edge():
@@ -108,7 +111,7 @@ def test_noise_is_averaged_over_the_window():
 
     normals = surface_normals(values + noise, GEOMETRY)
 
-    sigma = 0.1 / np.sqrt(11**2 * 5 * 6 / 3)  # of a slope, over (2 r + 1)^2 pixels, r = 5
+    sigma = 0.1 / np.sqrt(31**2 * 15 * 16 / 3)  # of a slope, over (2 r + 1)^2 pixels, r = 15
     expected_error = np.degrees(sigma / (values.mean() / GEOMETRY.focal_px))
     assert np.median(degrees_between(normals, expected)) < 1.5 * expected_error
 
@@ -140,30 +143,30 @@ def test_one_row_of_neighbours_gives_no_slope_across_it():
     values = np.full((9, 30), np.nan, np.float32)
     values[4] = 10 + 0.5 * np.arange(30)
 
-    slopes = plane_slopes(values, radii=(1, 2, 5), edge=1.0, tolerance=0.5)
+    slopes = plane_slopes(values, radii=(1, 2, 5), edge=1.0, noise=0.3)
 
     np.testing.assert_array_equal(slopes[4, :, 1], 0)
     np.testing.assert_allclose(slopes[4, 5:-5, 0], 0.5, rtol=0.01)
 
 
-def slopes_by_hand(values, radii, edge, tolerance):
+def slopes_by_hand(values, radii, edge, noise):
     """The loop that `plane_slopes` describes, one pixel after the other."""
     height, width = values.shape
     result = np.full((height, width, 2), np.nan)
     for y, x in zip(*np.nonzero(np.isfinite(values)), strict=True):
-        slope = np.zeros(2)
-        for turn, radius in enumerate(radii):
-            members = []
-            for row in reached(values[:, x], y, radius, edge):
-                for column in reached(values[row], x, radius, edge):
-                    place = np.array([column - x, row - y])
-                    rise = values[row, column] - values[y, x]
-                    if turn == 0 or abs(rise - slope @ place) <= tolerance:
-                        members.append((*place, rise))
+        for radius in radii:
+            members = [
+                (column - x, row - y, values[row, column] - values[y, x])
+                for row in reached(values[:, x], y, radius, edge)
+                for column in reached(values[row], x, radius, edge)
+            ]
             about = np.array(members) - np.mean(members, axis=0)
-            moments = about[:, :2].T @ about[:, :2] + 0.1 * np.eye(2)
-            slope = np.linalg.solve(moments, about[:, :2].T @ about[:, 2])
-        result[y, x] = slope
+            places, rises = about[:, :2], about[:, 2]
+            slope = np.linalg.solve(places.T @ places + 0.1 * np.eye(2), places.T @ rises)
+            left_over = rises @ rises - slope @ (places.T @ rises)
+            if radius > radii[0] and left_over > len(members) * noise**2:
+                break
+            result[y, x] = slope
     return result
 
 
@@ -189,22 +192,22 @@ def test_the_compiled_fit_is_that_of_the_slow_loop():
     values[random.random(values.shape) < 0.1] = np.nan
     values = values.astype(np.float32)
 
-    slopes = plane_slopes(values, radii=(1, 2, 4), edge=1.0, tolerance=0.5)
+    slopes = plane_slopes(values, radii=(1, 3, 7), edge=1.0, noise=0.25)
 
-    expected = slopes_by_hand(values.astype(np.float64), (1, 2, 4), 1.0, 0.5)
-    assert (np.abs(slopes - expected) > 1e-3).mean() < 0.005  # a tolerance met in another rounding
+    expected = slopes_by_hand(values.astype(np.float64), (1, 3, 7), 1.0, 0.25)
+    assert (np.abs(slopes - expected) > 1e-3).mean() < 0.005  # a residual met in another rounding
     np.testing.assert_array_equal(np.isnan(slopes), np.isnan(expected))
 
 
 @pytest.mark.slow
-def test_the_normals_of_a_photograph_take_less_than_a_second():
+def test_the_normals_of_a_large_pair_take_less_than_a_second_on_two_cores():
     values = np.random.default_rng(3).normal(60, 0.2, (1000, 1400)).astype(np.float32)
     geometry = RectifiedGeometry((1400, 1000), 1200.0, (700, 500), (700, 500), 0.2)
 
     fastest = np.inf
     for _ in range(4):  # the first one may compile
-        start = time.perf_counter()
+        start = time.process_time()
         surface_normals(values, geometry)
-        fastest = min(fastest, time.perf_counter() - start)
+        fastest = min(fastest, time.process_time() - start)
 
-    assert fastest < 1.0
+    assert fastest < 1.5  # of all threads together; two take half
