@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
@@ -180,10 +180,14 @@ class Matcher:
         for strip in self._strips(height, width * len(disparities) * BYTES_OF_A_COST):
             views = left[strip.seen], right[strip.seen]
             volume = self.matching_cost(*views, disparities, rows=strip.costs)
-            observe("matching_cost", volume)
+            observe("matching_cost", replace(volume, origin=(strip.first_cost, 0)))
             volume = self.aggregation(volume, guide=views[0][strip.costs])
             volume = CostVolume(volume.cost[strip.chosen], disparities)
-            observe("aggregation", CostVolume(volume.cost[strip.result], disparities))
+            origin = strip.first_result, 0
+            observe(
+                "aggregation",
+                CostVolume(volume.cost[strip.result], disparities, origin=origin),
+            )
 
             of_left.append(self._choice(volume, views[0], strip))
             of_right.append(self._choice(volume.seen_from_right(), views[1], strip))

@@ -41,6 +41,18 @@ class Strip:
     chosen: slice
     result: slice
 
+    @property
+    def first_cost(self) -> int:
+        """Which row or column of the image is the first that has costs."""
+        first: int = self.seen.start + self.costs.start
+        return first
+
+    @property
+    def first_result(self) -> int:
+        """Which row or column of the image is the first whose choice is kept."""
+        first: int = self.first_cost + self.chosen.start + self.result.start
+        return first
+
     @classmethod
     def around(cls, wanted: slice, size: int, reach: Reach) -> Strip:
         """Return the strip whose result is `wanted`.

@@ -102,12 +102,15 @@ def of_left_view(
         volume = _costs(stages, views, rows, crops, band)
         inside = moved(columns.costs, here.start - crops.left.start)
         volume = replace(volume, cost=volume.cost[:, inside].contiguous(), disparities=band)
-        observe("matching_cost", volume)
+        origin = rows.first_cost, columns.first_cost
+        observe("matching_cost", replace(volume, origin=origin))
         guide = left[rows.seen, crops.left][rows.costs, inside]
         volume = stages.aggregation(volume, guide=guide)
         chosen = rows.chosen, columns.chosen
         volume = replace(volume, cost=volume.cost[chosen].contiguous())
-        observe("aggregation", replace(volume, cost=volume.cost[rows.result, columns.result]))
+        origin = tile.rows.start, tile.columns.start
+        cost = volume.cost[rows.result, columns.result]
+        observe("aggregation", replace(volume, cost=cost, origin=origin))
         found = stages.optimisation(volume, guide=guide[chosen])
         _put(found, (rows.result, columns.result), result, (tile.rows, tile.columns))
         del volume  # before the next tile takes as much again
@@ -140,14 +143,17 @@ def of_right_view(
         here, band = columns.seen, tile.candidates
         crops = Crops.around(slice(here.start + band[0], here.stop + band[-1]), here, width)
         volume = _costs(stages, views, rows, crops, band)
-        observe("matching_cost/right", volume)
+        origin = rows.first_cost, crops.left.start
+        observe("matching_cost/right", replace(volume, disparities=band, origin=origin))
         guide = left[rows.seen, crops.left][rows.costs]
         volume = stages.aggregation(volume, guide=guide)
         volume = replace(volume, cost=volume.cost[rows.chosen]).seen_from_right()
         chosen = grown(tile.columns, reach.optimisation, width)
         inside = moved(chosen, -crops.right.start)
         volume = replace(volume, cost=volume.cost[:, inside].contiguous(), disparities=band)
-        observe("aggregation/right", replace(volume, cost=volume.cost[rows.result, columns.result]))
+        origin = tile.rows.start, tile.columns.start
+        cost = volume.cost[rows.result, columns.result]
+        observe("aggregation/right", replace(volume, cost=cost, origin=origin))
         guide = right[rows.seen][rows.costs][rows.chosen][:, chosen]
         found = stages.optimisation(volume, guide=guide)
         _put(found, (rows.result, columns.result), result, (tile.rows, tile.columns))

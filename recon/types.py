@@ -61,11 +61,13 @@ class CostVolume:
         cost: (H, W, D) float32; lower is better, +inf where a candidate has no cost.
         disparities: the D candidates d = x_left - x_right, in pixels.
         of_right: whether the pixels are those of the right view.
+        origin: row and column of the first pixel in the view, of a strip or tile of it.
     """
 
     cost: Tensor
     disparities: range
     of_right: bool = False
+    origin: tuple[int, int] = (0, 0)
 
     def __post_init__(self) -> None:
         if self.cost.ndim != 3 or self.cost.shape[2] != len(self.disparities):

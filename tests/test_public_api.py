@@ -28,7 +28,7 @@ PUBLIC = {
     "recon.optimisation": """LearnedOptimisation OPTIMISATIONS Optimisation SemiGlobal
         WinnerTakesAll""",
     "recon.refinement": "REFINEMENTS DomainTransform Median Refinement WeightedMedian",
-    "recon.viewer": "Drawing Limits RerunObserver archetypes open_recording",
+    "recon.viewer": "Drawing Limits Page RerunObserver archetypes open_recording serve_recording",
 }
 
 

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from rich.table import Table
 from tyro.conf import Positional
 
 from recon.cli.terminal import console
 
-__all__ = ["presets", "view"]
+if TYPE_CHECKING:
+    from recon.viewer import Page
+
+__all__ = ["keep_serving", "presets", "view"]
 
 
 def presets() -> None:
@@ -23,15 +27,34 @@ def presets() -> None:
     console.print(table)
 
 
-def view(folder: Positional[Path]) -> None:
+def view(
+    folder: Positional[Path],
+    *,
+    web: bool = False,
+    port: int | None = None,
+) -> None:
     """Open the recording of a reconstruction in Rerun's viewer.
 
     Args:
         folder: the -o of an earlier reconstruction, or an .rrd file.
+        web: show it in a browser, until Ctrl-C; the way on a machine without a screen.
+        port: of the page for the browser; its data take the next one.
     """
-    from recon.viewer import open_recording
+    from recon.viewer import open_recording, serve_recording
 
     recording = folder / "recording.rrd" if folder.is_dir() else folder
     if not recording.is_file():
         raise ValueError(f"there is no recording {recording}; was it made with --recording none?")
-    open_recording(recording)
+    if port is not None and not web:
+        raise ValueError("--port is of the page that --web serves; say --web too")
+    if web:
+        keep_serving(serve_recording(recording, port=port))
+    else:
+        open_recording(recording)
+
+
+def keep_serving(page: Page) -> None:
+    """Say where a recording is shown, and show it until Ctrl-C."""
+    console.print(f"showing at {page.url}; press Ctrl-C to end", soft_wrap=True)
+    console.print(f"from another machine: {page.from_elsewhere}", soft_wrap=True)
+    page.wait()

@@ -6,10 +6,11 @@ import contextlib
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from tyro.conf import Positional
+from tyro.conf import Positional, UseAppendAction, arg
 
+from recon.cli.look import keep_serving
 from recon.cli.rectify import said
 from recon.cli.terminal import (
     QUIET,
@@ -28,7 +29,6 @@ if TYPE_CHECKING:
     from calib.pair import RectifiedPair, StereoPair
     from recon.pairs import PairOnDisk, RangeRequest
     from recon.settings import Preset
-    from recon.viewer import RerunObserver
 
     Wanted = Callable[[StereoPair | RectifiedPair, range | None, str], Preset]
 
@@ -36,6 +36,7 @@ __all__ = ["demo", "pair"]
 
 CloudFormat = Literal["npz", "las", "laz"]
 Recording = Literal["save", "serve", "spawn", "none"]
+Probes = Annotated[UseAppendAction[tuple[str, ...]], arg(metavar="X,Y")]
 
 
 @dataclass(frozen=True)
@@ -45,6 +46,8 @@ class Means:
     Attributes:
         device: where to compute.
         recording: what becomes of the recording.
+        probes: pixels whose costs are recorded, beside those that are chosen.
+        port: of the page, if the recording is served.
         refine: whether to refine the rectification.
         ignore: whether to go on if the rectification is meaningless.
         clouds: formats to write the cloud in, beside PLY.
@@ -52,6 +55,8 @@ class Means:
 
     device: str
     recording: Recording
+    probes: tuple[tuple[int, int], ...] = ()
+    port: int | None = None
     refine: bool = False
     ignore: bool = False
     clouds: tuple[CloudFormat, ...] = ()
@@ -77,6 +82,8 @@ def pair(  # noqa: PLR0913  every one is an option of the command
     scale: float = 1.0,
     device: Device = "auto",
     recording: Recording = "save",
+    probe: Probes = (),
+    port: int | None = None,
     cloud_format: tuple[CloudFormat, ...] = (),
     settings: Path | None = None,
     override: Overrides = (),
@@ -106,7 +113,11 @@ def pair(  # noqa: PLR0913  every one is an option of the command
             [0, 1]; that of the preset if not given.
         scale: resize the pair first; 0.5 is four times faster or more, and coarser.
         device: where to compute.
-        recording: write a Rerun recording, show it in a browser or a window too, or neither.
+        recording: write a Rerun recording, serve it to a browser or show it in a window too, or
+            neither.
+        probe: column and row of a pixel of the rectified left picture, as 312,208, whose matching
+            costs the recording shows beside those of pixels it chooses; may be given again.
+        port: of the page with --recording serve; its data take the next one.
         cloud_format: write the cloud in these formats too, beside cloud.ply: npz (NumPy), las or
             laz (surveyors' programs; z is up there).
         settings: TOML file with settings that replace those of the preset.
@@ -126,6 +137,10 @@ def pair(  # noqa: PLR0913  every one is an option of the command
             "give the calibration with --calib, or say --uncalibrated to estimate the cameras from "
             "the pictures; the result is then not in metres"
         )
+    if probe and recording == "none":
+        raise ValueError("--probe is for the recording, but --recording none makes none")
+    if port is not None and recording != "serve":
+        raise ValueError("--port is of the page that --recording serve shows; say that too")
     _run(
         lambda: _read((left, right), calib, stated, scale, unit),
         out,
@@ -134,6 +149,8 @@ def pair(  # noqa: PLR0913  every one is an option of the command
         Means(
             device_named(device),
             recording,
+            tuple(_pixel(text) for text in probe),
+            port,
             refine_rectification,
             ignore_rectification,
             cloud_format,
@@ -195,6 +212,15 @@ def _at_least(min_confidence: float | None) -> tuple[str, ...]:
     return () if min_confidence is None else (f"triangulation.min_confidence={min_confidence}",)
 
 
+def _pixel(text: str) -> tuple[int, int]:
+    """Return the column and row that --probe names."""
+    column, _, row = text.partition(",")
+    try:
+        return int(column), int(row)
+    except ValueError as error:
+        raise ValueError(f"--probe {text}: expected a column and a row such as 312,208") from error
+
+
 def _read(
     pictures: tuple[Path, Path | None],
     calib: Path | None,
@@ -209,16 +235,21 @@ def _read(
     return read_pair(*pictures, calib, rectified=rectified, scale=scale, unit=unit)
 
 
-def _recorder(recording: Recording, folder: Path) -> contextlib.AbstractContextManager[Any]:
+def _recorder(means: Means, folder: Path) -> contextlib.AbstractContextManager[Any]:
     """Return the observer that draws, or one that does not."""
     from recon.observer import ignore
 
-    if recording == "none":
+    if means.recording == "none":
         return contextlib.nullcontext(ignore)
     from recon.viewer import RerunObserver
 
     shows: dict[str, Any] = {"save": "nothing", "serve": "browser", "spawn": "window"}
-    return RerunObserver(save=folder / "recording.rrd", show=shows[recording])
+    return RerunObserver(
+        save=folder / "recording.rrd",
+        show=shows[means.recording],
+        probes=means.probes,
+        port=means.port,
+    )
 
 
 def _run(
@@ -242,7 +273,7 @@ def _run(
     with (
         all_or_nothing(out) as folder,
         Progress() as progress,
-        _recorder(means.recording, folder) as recorder,
+        _recorder(means, folder) as recorder,
         compilation_watched() as compiled_for,
     ):
         watch = Stopwatch(all_of(progress, recorder))
@@ -276,7 +307,7 @@ def _run(
         write_json(folder / "run.json", report)
     _say_what_was_made(report, out)
     if means.recording == "serve":
-        _keep_serving(recorder)
+        keep_serving(recorder.page)
 
 
 def _say_what_was_made(report: dict[str, Any], out: Path) -> None:
@@ -292,9 +323,3 @@ def _say_what_was_made(report: dict[str, Any], out: Path) -> None:
         f"{report['points']:,} points and {report['triangles']:,} triangles; results lie in {out}",
         soft_wrap=True,
     )
-
-
-def _keep_serving(recorder: RerunObserver) -> None:
-    """Show the recording until Ctrl-C; the files are written by now."""
-    console.print(f"showing at {recorder.url}; press Ctrl-C to end", soft_wrap=True)
-    recorder.wait()

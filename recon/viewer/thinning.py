@@ -3,13 +3,45 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from torch import Tensor
 
+from calib.pair import RectifiedPair
 from recon.types import Array, Mesh, PointCloud
 
-__all__ = ["as_numpy", "thinned_image", "thinned_mesh", "thinned_points"]
+__all__ = [
+    "Limits",
+    "as_numpy",
+    "left_out",
+    "thinned_image",
+    "thinned_mesh",
+    "thinned_photograph",
+    "thinned_points",
+    "thinning_step",
+]
+
+
+@dataclass(frozen=True)
+class Limits:
+    """How much of a result is drawn; raising a limit shows more and makes recordings larger.
+
+    Attributes:
+        max_points: of a point cloud.
+        max_faces: of a mesh.
+        max_pixels: of an image.
+        jpeg_quality: of images, from 1 to 100.
+        disparity_span: the disparities of the first and the last colour, in pixels; those of the
+            map itself if not given.
+    """
+
+    max_points: int = 300_000
+    max_faces: int = 200_000
+    max_pixels: int = 2_000_000
+    jpeg_quality: int = 85
+    disparity_span: tuple[float, float] | None = None
 
 
 def as_numpy(values: Tensor | Array) -> Array:
@@ -24,8 +56,30 @@ def thinned_image(image: Array, max_pixels: int) -> Array:
         image: (H, W) or (H, W, C).
         max_pixels: how many may remain.
     """
-    step = math.ceil(math.sqrt(max(1.0, image.shape[0] * image.shape[1] / max_pixels)))
+    step = thinning_step(image.shape[1], image.shape[0], max_pixels)
     return image[::step, ::step]
+
+
+def thinned_photograph(image: Array, max_pixels: int) -> Array:
+    """Return the pixels of `thinned_image`, each the mean of those around it.
+
+    Args:
+        image: (H, W, 3) uint8.
+        max_pixels: how many may remain.
+    """
+    step = thinning_step(image.shape[1], image.shape[0], max_pixels)
+    return thinned_image(cv2.blur(image, (step, step)), max_pixels) if step > 1 else image
+
+
+def thinning_step(width: int, height: int, max_pixels: int) -> int:
+    """Return the n of "every n-th pixel of every n-th row" that leaves few enough.
+
+    Args:
+        width: of an image, pixels.
+        height: of an image, pixels.
+        max_pixels: how many may remain.
+    """
+    return math.ceil(math.sqrt(max(1.0, width * height / max_pixels)))
 
 
 def thinned_points(cloud: PointCloud, max_points: int) -> PointCloud:
@@ -81,3 +135,24 @@ def thinned_mesh(mesh: Mesh, max_faces: int) -> Mesh:
         texture=mesh.texture,
         colours=mesh.colours[used],
     )
+
+
+def left_out(result: object, limits: Limits) -> list[str]:
+    """Say what of a result is not drawn, if anything.
+
+    Args:
+        result: what a stage made.
+        limits: how much of it is drawn.
+    """
+    files = "the files have all of them"
+    if isinstance(result, PointCloud) and len(result) > limits.max_points:
+        return [f"{limits.max_points:,} of {len(result):,} points are shown; {files}"]
+    if isinstance(result, Mesh) and len(result.faces) > limits.max_faces:
+        return [
+            f"at most {limits.max_faces:,} of {len(result.faces):,} triangles are shown; {files}"
+        ]
+    if isinstance(result, RectifiedPair):
+        step = thinning_step(*result.geometry.size, limits.max_pixels)
+        less = [f"every {step}. pixel of every {step}. row is shown"] if step > 1 else []
+        return [*less, f"pictures are JPEG of quality {limits.jpeg_quality}"]
+    return []

@@ -1,6 +1,7 @@
 """The command, run as a person runs it: every mistake has its message and leaves nothing."""
 
 import json
+import socket
 import subprocess
 import sys
 import tempfile
@@ -358,11 +359,19 @@ class TestSuccess:
     ):
         there = []
 
-        class Observer:
+        class Page:
             url = "http://127.0.0.1:9090"
+            from_elsewhere = "ssh"
+
+            def wait(self):
+                there.append((out / "run.json").exists())
+
+        class Observer:
+            page = Page()
 
             def __init__(self, **how):
                 assert how["show"] == "browser"
+                assert how["port"] == 9100
 
             def __enter__(self):
                 return self
@@ -373,15 +382,40 @@ class TestSuccess:
             def __call__(self, stage, result):
                 pass
 
-            def wait(self):
-                there.append((out / "run.json").exists())
-
         monkeypatch.setattr("recon.viewer.RerunObserver", Observer)
 
-        main([*words(folder, out), "--recording", "serve"])
+        main([*words(folder, out), "--recording", "serve", "--port", "9100"])
 
         assert there == [False, True]
         assert "showing at http://127.0.0.1:9090; press Ctrl-C to end" in capsys.readouterr().out
+
+    @pytest.mark.parametrize(
+        ("more", "said"),
+        [
+            (("--probe", "5,5"), "--probe is for the recording, but --recording none makes none"),
+            (("--port", "9090"), "--port is of the page that --recording serve shows"),
+            (("--recording", "save", "--probe", "5"), "--probe 5: expected a column and a row"),
+            (
+                ("--recording", "save", "--probe", "5000,3"),
+                "probed pixel 5000,3 lies outside the rectified left picture of",
+            ),
+        ],
+    )
+    def test_what_the_recording_cannot_do_is_said(self, folder, out, capsys, more, said):
+        assert message_of(words(folder, out, *more), capsys).startswith(said)
+        assert not out.exists()
+
+    def test_a_port_in_use_is_said(self, folder, out, capsys):
+        with socket.socket() as taken:
+            taken.bind(("", 0))
+            taken.listen()
+            port = taken.getsockname()[1]
+            more = ("--recording", "serve", "--port", str(port))
+
+            message = message_of(words(folder, out, *more), capsys)
+
+        assert message.startswith(f"port {port} of this machine is in use")
+        assert not out.exists()
 
 
 class TestDemo:
@@ -426,6 +460,37 @@ class TestView:
         main(["view", str(tmp_path / name)])
 
         assert opened == [tmp_path / "recording.rrd"]
+
+    def test_a_browser_is_served_if_asked_for(self, tmp_path, monkeypatch, capsys):
+        (tmp_path / "recording.rrd").write_text("")
+        waited = []
+
+        class Page:
+            url, from_elsewhere = "http://here", "ssh -L 9100:localhost:9100 THIS_MACHINE"
+
+            def wait(self):
+                waited.append(True)
+
+        served = []
+
+        def serve(path, *, port):
+            served.append((path, port))
+            return Page()
+
+        monkeypatch.setattr("recon.viewer.serve_recording", serve)
+
+        main(["view", str(tmp_path), "--web", "--port", "9100"])
+
+        assert served == [(tmp_path / "recording.rrd", 9100)]
+        assert waited == [True]
+        assert "from another machine: ssh -L 9100" in capsys.readouterr().out
+
+    def test_a_port_without_a_page_is_refused(self, tmp_path, capsys):
+        (tmp_path / "recording.rrd").write_text("")
+
+        message = message_of(["view", str(tmp_path), "--port", "9100"], capsys)
+
+        assert message == "--port is of the page that --web serves; say --web too"
 
 
 class TestHelp:

@@ -14,10 +14,11 @@ from rerun.chunk import RrdReader
 
 from calib.pair import RectifiedPair
 from calib.rig import RectifiedGeometry
+from recon.colours import STATUS_COLOURS
 from recon.meshing import Meshing
 from recon.triangulation import Triangulation, depth_map
 from recon.types import CostVolume, DisparityMap, Mesh, PixelStatus, PointCloud
-from recon.viewer import Limits, RerunObserver, archetypes, open_recording
+from recon.viewer import Limits, RerunObserver, archetypes, open_recording, serve_recording
 from recon.viewer.thinning import thinned_image, thinned_mesh, thinned_points
 
 STAGES = (
@@ -77,7 +78,12 @@ def all_stages(pair, count=16):
         pair,
         volume,
         volume,
-        *[tensors] * 5,
+        *(
+            dataclasses.replace(
+                tensors, values=tensors.values + step, confidence=tensors.confidence - step / 100
+            )
+            for step in range(5)
+        ),
         depth_map(disparity, pair.geometry),
         Triangulation()(disparity, pair),
         Meshing()(disparity, pair),
@@ -88,6 +94,13 @@ def all_stages(pair, count=16):
 
 def paths_in(recording):
     return RrdReader(recording).store().schema().entity_paths()
+
+
+def logged(recording, path):
+    """Return what was logged at a path, a dictionary of components a row."""
+    store = RrdReader(recording).store()
+    chunks = [chunk for chunk in store.stream().to_chunks() if chunk.entity_path == path]
+    return [row for chunk in chunks for row in chunk.to_record_batch().to_pylist()]
 
 
 def arrays_in(value):
@@ -109,8 +122,22 @@ def test_a_recording_holds_every_stage(tmp_path):
 
     paths = paths_in(tmp_path / "all.rrd")
     for stage in STAGES:
-        assert any(f"{path}/".startswith(f"/{stage}/") for path in paths), stage
-    assert {"/world/left", "/world/right", "/disparity/left/status"} <= set(paths)
+        ends = f"/{stage.removesuffix('/left').removesuffix('/right')}/"
+        assert any(ends in f"{path}/" for path in paths), stage
+    assert {
+        "/world/left/photograph",
+        "/world/right/photograph",
+        "/world/left/disparity/status",
+        "/world/right/disparity/confidence",
+        "/world/left/depth",
+        "/world/cloud",
+        "/world/mesh",
+        "/summary",
+        "/stages",
+        "/histograms/disparity_px",
+        "/histograms/confidence",
+        "/histograms/depth",
+    } <= set(paths)
     assert [path.name for path in tmp_path.iterdir()] == ["all.rrd"]
 
 
@@ -127,6 +154,7 @@ def test_a_recording_opens_with_an_arrangement_of_its_own(tmp_path):
     assert "2D" in text
     assert "3D" in text
     assert "disparity/left" in text
+    assert "StateTimeline" in text
 
 
 def test_stages_follow_each_other_on_the_timeline(tmp_path):
@@ -138,7 +166,7 @@ def test_stages_follow_each_other_on_the_timeline(tmp_path):
     steps = {
         chunk.entity_path: chunk.to_record_batch().column("stage").to_pylist()
         for chunk in chunks
-        if "stage" in chunk.timeline_names
+        if chunk.entity_path in ("/first", "/second")
     }
     assert steps == {"/first": [0], "/second": [1]}
 
@@ -200,7 +228,7 @@ def test_an_observer_that_shows_nothing_draws_nothing():
     with RerunObserver() as observe:
         observe("stage", Untouchable())
 
-    assert observe.url is None
+    assert observe.page is None
 
 
 def test_a_missing_folder_is_named(tmp_path):
@@ -220,20 +248,19 @@ def test_each_type_has_its_own_look():
         ("/world/right", "Transform3D"),
         ("", "TextDocument"),
         ("/world/left", "Pinhole"),
-        ("/world/left", "EncodedImage"),
+        ("/world/left/photograph", "EncodedImage"),
         ("/world/right", "Pinhole"),
-        ("/world/right", "EncodedImage"),
+        ("/world/right/photograph", "EncodedImage"),
     ]
     assert kinds(stages["matching_cost"]) == [
         ("row_11", "EncodedImage"),
         ("row_22", "EncodedImage"),
         ("row_33", "EncodedImage"),
-        ("pixel_30_22", "BarChart"),
     ]
     assert kinds(stages["filling"]) == [
-        ("", "EncodedImage"),
+        ("values", "EncodedImage"),
         ("status", "SegmentationImage"),
-        ("confidence", "EncodedImage"),
+        ("confidence", "SegmentationImage"),
     ]
     assert kinds(stages["depth"]) == [("", "EncodedDepthImage")]
     assert kinds(stages["cloud"]) == [("", "Points3D")]
@@ -261,13 +288,13 @@ def test_the_cameras_stand_one_baseline_apart_and_see_what_was_calibrated():
 
 
 @pytest.mark.parametrize("rows", [1, 2, 7])
-def test_a_strip_of_a_volume_of_any_height_is_drawn(rows):
-    volume = a_volume(a_pair(), rows=rows)
+def test_a_strip_of_a_volume_of_any_height_is_drawn_at_its_place(rows):
+    volume = dataclasses.replace(a_volume(a_pair(), rows=rows), origin=(40, 0))
 
     pictures = [name for name, kind in kinds(volume) if kind == "EncodedImage"]
 
     assert 1 <= len(pictures) <= 3
-    assert all(int(name.removeprefix("row_")) < rows for name in pictures)
+    assert all(40 <= int(name.removeprefix("row_")) < 40 + rows for name in pictures)
 
 
 def test_a_volume_without_any_cost_is_drawn():
@@ -276,16 +303,84 @@ def test_a_volume_without_any_cost_is_drawn():
     assert [kind for _, kind in kinds(volume)] == ["EncodedImage"] * 3
 
 
-def test_a_thinned_cloud_is_announced():
+def test_what_is_thinned_is_said_in_the_summary(tmp_path):
     pair = a_pair()
-    cloud = Triangulation()(a_disparity_map(pair), pair)
+    disparity = a_disparity_map(pair)
+    limits = Limits(max_points=100, max_faces=500, max_pixels=1000)
 
-    drawn = archetypes(cloud, Limits(max_points=100))
+    with RerunObserver(save=tmp_path / "a.rrd", limits=limits) as observe:
+        observe("input/rectified", pair)
+        observe("cloud", Triangulation()(disparity, pair))
+        observe("mesh", Meshing()(disparity, pair))
+        observe("run", {"metric sanity": "f 70 px, baseline 0.2 m", "units": "metres"})
 
-    (_, points), (path, note) = drawn
-    assert len(points.positions.as_arrow_array()) == 100
-    assert path == "/log"
-    assert "100 of 2,430 points are shown here" in str(note.text.as_arrow_array().to_pylist())
+    said = logged(tmp_path / "a.rrd", "/summary")[-1]["TextDocument:text"][0]
+    assert said.startswith("**f 70 px, baseline 0.2 m**")
+    assert "cloud: 100 of 2,430 points are shown" in said
+    assert "mesh: at most 500 of 4,655 triangles" in said
+    assert "every 2. pixel of every 2. row" in said
+    assert "| units | metres |" in said
+    (cloud,) = logged(tmp_path / "a.rrd", "/world/cloud")
+    assert len(cloud["Points3D:positions"]) == 100
+
+
+def test_cameras_of_thinned_photographs_see_the_same_rays():
+    pair = a_pair()
+    whole, thinned = (
+        next(drawn for path, drawn in archetypes(pair, limits) if path == "/world/left")
+        for limits in (Limits(), Limits(max_pixels=300))
+    )
+
+    def rays(camera, columns):
+        K = np.ravel(camera.image_from_camera.as_arrow_array().to_pylist()).reshape(3, 3).T
+        return (columns + 0.5 - K[0, 2]) / K[0, 0]
+
+    columns = np.arange(20)
+    np.testing.assert_allclose(rays(thinned, columns), rays(whole, 3 * columns), rtol=1e-6)
+
+
+def test_a_layer_is_drawn_only_where_a_stage_changed_it(tmp_path):
+    pair = a_pair()
+    first = in_torch(a_disparity_map(pair))
+    surer = dataclasses.replace(first, confidence=first.confidence / 2)
+
+    with RerunObserver(save=tmp_path / "a.rrd") as observe:
+        observe("input/rectified", pair)
+        observe("filling", first)
+        observe("confidence", surer)
+
+    paths = set(paths_in(tmp_path / "a.rrd"))
+    assert {f"/world/left/filling/{layer}" for layer in ("values", "status", "confidence")} <= paths
+    assert "/world/left/confidence/confidence" in paths
+    assert not {"/world/left/confidence/values", "/world/left/confidence/status"} & paths
+
+
+def test_classes_have_names_and_colours(tmp_path):
+    with RerunObserver(save=tmp_path / "a.rrd") as observe:
+        observe("any", "text")
+
+    (context,) = next(
+        row["AnnotationContext:context"]
+        for row in logged(tmp_path / "a.rrd", "/")
+        if row.get("AnnotationContext:context")
+    )
+    named = {row["class_id"]: row["class_description"]["info"] for row in context}
+    for state, colour in STATUS_COLOURS.items():
+        assert named[int(state)]["label"] == state.name.lower()
+        assert named[int(state)]["color"] == int.from_bytes(bytes([*colour, 255]), "big")
+    assert named[109]["label"] == "right within 1 px: 90 to 100 %"
+
+
+def test_confidence_is_drawn_by_tenths():
+    status = np.full((1, 4), PixelStatus.MATCHED, np.uint8)
+    confidence = np.array([[0, 0.09, 0.55, 1]], np.float32)
+
+    drawn = dict(
+        archetypes(DisparityMap(np.ones((1, 4), np.float32), status, confidence), Limits())
+    )
+
+    (classes,) = drawn["confidence"].buffer.as_arrow_array().to_pylist()
+    assert list(classes) == [100, 100, 105, 109]
 
 
 def test_thinning_keeps_few_enough_and_changes_nothing_small():
@@ -366,11 +461,11 @@ def test_a_browser_is_served_during_the_run_and_after_it(tmp_path):
     ):
         first("settings", "text")
 
-    assert first.url != second.url
+    assert not set(first.page.ports) & set(second.page.ports)
     for observe in (first, second):
-        with urllib.request.urlopen(observe.url, timeout=5) as page:
+        with urllib.request.urlopen(observe.page.url, timeout=5) as page:
             assert b"<html" in page.read()
-        data = parse_qs(urlsplit(observe.url).query)["url"][0]
+        data = parse_qs(urlsplit(observe.page.url).query)["url"][0]
         assert urlsplit(data).hostname == "127.0.0.1"
         socket.create_connection(("127.0.0.1", urlsplit(data).port), timeout=5).close()
     assert "/settings" in paths_in(tmp_path / "a.rrd")
@@ -382,9 +477,17 @@ def test_a_missing_recording_is_not_opened(tmp_path):
 
 
 def test_a_viewer_that_cannot_run_says_what_to_do(tmp_path, monkeypatch):
-    (tmp_path / "a.rrd").write_bytes(b"")
+    (tmp_path / "a.rrd").write_bytes(b"RRF2")
     failed = subprocess.CompletedProcess([], 1)
     monkeypatch.setattr(subprocess, "run", lambda *_, **__: failed)
 
-    with pytest.raises(ValueError, match=r"ended with status 1; without a display, .*--web-viewer"):
+    with pytest.raises(ValueError, match=r"ended with status 1; without a display, .*view --web"):
         open_recording(tmp_path / "a.rrd")
+
+
+@pytest.mark.parametrize("opened", [open_recording, serve_recording])
+def test_a_file_that_is_no_recording_is_said(tmp_path, opened):
+    (tmp_path / "a.rrd").write_bytes(b"ply\nformat")
+
+    with pytest.raises(ValueError, match=r"a\.rrd is no recording of Rerun: it begins with b'ply"):
+        opened(tmp_path / "a.rrd")
