@@ -25,6 +25,7 @@ __all__ = [
     "OUTPUTS",
     "RECTIFIED_OUTPUTS",
     "all_or_nothing",
+    "forget_unfinished",
     "write_rectified",
     "write_results",
 ]
@@ -40,6 +41,8 @@ OUTPUTS = {
     "recording.rrd": "every stage, for Rerun",
     "run.json": "settings, versions, times, counts and the metric sanity line",
 }
+
+UNFINISHED = ".unfinished-"
 
 RECTIFIED_OUTPUTS = ("left.png", "right.png", "rig.json")
 
@@ -83,6 +86,12 @@ def all_or_nothing(folder: Path, outputs: Collection[str] = OUTPUTS) -> Iterator
                 place.rmdir()
 
 
+def forget_unfinished(folder: Path) -> None:
+    """Remove what runs that were killed, and could not clean up, left inside `folder`."""
+    for place in folder.glob(f"{UNFINISHED}*"):
+        shutil.rmtree(place, ignore_errors=True)
+
+
 def _writable(folder: Path, outputs: Collection[str]) -> Path:
     """Return a new folder inside `folder`, so on the same disk; make `folder` if need be."""
     if folder.exists() and not folder.is_dir():
@@ -91,7 +100,7 @@ def _writable(folder: Path, outputs: Collection[str]) -> Path:
     if in_the_way:
         raise ValueError(f"{folder / in_the_way[0]} is a folder; a file of this name is written")
     folder.mkdir(parents=True, exist_ok=True)
-    return Path(tempfile.mkdtemp(prefix=".unfinished-", dir=folder))
+    return Path(tempfile.mkdtemp(prefix=UNFINISHED, dir=folder))
 
 
 def _moved(unfinished: Path, folder: Path, outputs: Collection[str]) -> None:

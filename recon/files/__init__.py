@@ -1,7 +1,9 @@
 """Reading photographs and disparities, writing results. Every writer is atomic."""
 
+from recon.files.depths import read_depth
 from recon.files.glb import write_glb
 from recon.files.images import (
+    image_size,
     read_image,
     read_image_pair,
     read_side_by_side,
@@ -14,6 +16,8 @@ from recon.files.writing import atomic, write_json
 
 __all__ = [
     "atomic",
+    "image_size",
+    "read_depth",
     "read_image",
     "read_image_pair",
     "read_pfm",

@@ -24,6 +24,7 @@ BLOCK = 8  # voxels along a side
 FIRST_BLOCKS = 1024
 GROWTH = 1.5
 LEAST_WEIGHT = 1e-30
+UP = np.array([0, -1, 0], np.float32)
 
 
 @dataclass(frozen=True)
@@ -49,8 +50,8 @@ class Fusion:
 
     voxel_m: float
     truncation_voxels: float = 6.0
-    min_trust: float = 0.5
-    min_views: int = 3
+    min_trust: float = 0.3
+    min_views: int = 2
     smallest_piece_m2: float | None = None
     max_depth_m: float | None = None
 
@@ -182,7 +183,7 @@ class Volume:
         return FusedSurface(
             vertices,
             mesh.triangle.indices.numpy().astype(np.int32),
-            mesh.vertex.normals.numpy(),
+            _unit(mesh.vertex.normals.numpy()),
             np.rint(mesh.vertex.colors.numpy() * 255).clip(0, 255).astype(np.uint8),
             (1 / np.sqrt(np.maximum(total, LEAST_WEIGHT))).astype(np.float32),
             count,
@@ -259,6 +260,14 @@ def _unpacked(keys: Array) -> Array:
     mask = (1 << 21) - 1
     blocks = np.stack([keys >> 42, (keys >> 21) & mask, keys & mask], axis=1) - (1 << 20)
     return np.ascontiguousarray(blocks.astype(np.int32))
+
+
+def _unit(normals: Array) -> Array:
+    """Return normals (V, 3) of length 1; where the field is flat and tells none, straight up."""
+    length = np.linalg.norm(normals, axis=1, keepdims=True)
+    told = np.isfinite(length) & (length > 0)
+    unit = np.divide(normals, length, where=told, out=np.tile(UP, (len(normals), 1)))
+    return unit.astype(np.float32)
 
 
 def open3d_or_explain() -> Any:  # noqa: ANN401  untyped

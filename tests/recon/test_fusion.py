@@ -143,7 +143,7 @@ def test_a_surface_is_not_emptied_by_what_is_only_a_little_farther():
 
 
 def test_depths_that_are_not_trusted_or_too_far_make_no_surface():
-    doubted = ball_before_wall(trust=0.3)
+    doubted = ball_before_wall(trust=0.25)
     settings = Fusion(VOXEL, min_views=1, min_trust=0.2, max_depth_m=2.5)
 
     assert len(fused(doubted).faces) == 0
