@@ -27,6 +27,7 @@ __all__ = [
     "OUTPUTS",
     "RECTIFIED_OUTPUTS",
     "all_or_nothing",
+    "forget_unfinished",
     "write_rectified",
     "write_results",
 ]
@@ -49,6 +50,8 @@ OPTIONAL_CLOUDS = {
     "laz": "cloud.laz",
 }
 """Further formats of the cloud, and their files."""
+
+UNFINISHED = ".unfinished-"
 
 RECTIFIED_OUTPUTS = ("left.png", "right.png", "rig.json")
 
@@ -94,6 +97,12 @@ def all_or_nothing(
                 place.rmdir()
 
 
+def forget_unfinished(folder: Path) -> None:
+    """Remove what runs that were killed, and could not clean up, left inside `folder`."""
+    for place in folder.glob(f"{UNFINISHED}*"):
+        shutil.rmtree(place, ignore_errors=True)
+
+
 def _writable(folder: Path, outputs: Collection[str]) -> Path:
     """Return a new folder inside `folder`, so on the same disk; make `folder` if need be."""
     if folder.exists() and not folder.is_dir():
@@ -102,7 +111,7 @@ def _writable(folder: Path, outputs: Collection[str]) -> Path:
     if in_the_way:
         raise ValueError(f"{folder / in_the_way[0]} is a folder; a file of this name is written")
     folder.mkdir(parents=True, exist_ok=True)
-    return Path(tempfile.mkdtemp(prefix=".unfinished-", dir=folder))
+    return Path(tempfile.mkdtemp(prefix=UNFINISHED, dir=folder))
 
 
 def _moved(unfinished: Path, folder: Path, outputs: Collection[str]) -> None:

@@ -31,9 +31,11 @@ ROWS = (
     ("recon.matcher", "recon.normals"),
     ("recon.triangulation",),
     ("recon.meshing",),
+    ("recon.fusion",),
     ("recon.settings", "recon.disparity_range", "recon.choice"),
     ("recon.pipeline",),
     ("calib.formats", "recon.files"),
+    ("calib.trajectories",),
     ("calib",),  # the names that the package gives to others
     (
         "recon.pairs",
@@ -46,6 +48,7 @@ ROWS = (
         "recon.training",
     ),
     ("recon.evaluation", "recon.calibration"),
+    ("recon.sequence",),
     ("recon",),
     ("recon.cli",),
 )

@@ -11,15 +11,22 @@ PUBLIC = {
         RectifiedPair Rectifier RowCorrection StereoCalibration StereoPair VerticalResidual
         corrected_pair corrected_rig estimate_row_correction match_views read_calibration
         vertical_residual write_calibration""",
+    "calib.trajectories": """TRAJECTORY_READERS TRAJECTORY_WRITERS Trajectory TrajectoryReader
+        read_trajectory write_trajectory""",
     "calib.formats": """READERS WRITERS CalibrationFile CalibrationRecord LengthUnit Reader Writer
         check_writable read_calibration write_calibration""",
     "recon": """Preset Reconstruction check_rectification load_preset read_pair reconstruct
         rectify_and_check""",
     "recon.aggregation": """AGGREGATIONS Aggregation BilateralAggregation BoxAggregation
         NoAggregation""",
-    "recon.files": """CLOUD_FORMATS atomic read_cloud read_image read_image_pair read_pfm read_ply
-        read_side_by_side write_cloud write_depth_png write_disparity_png write_glb write_image
-        write_json write_pfm write_ply write_status_png""",
+    "recon.files": """CLOUD_FORMATS atomic image_size read_cloud read_depth read_image
+        read_image_pair read_pfm read_ply read_side_by_side write_cloud write_depth_png
+        write_disparity_png write_glb write_image write_json write_pfm write_ply
+        write_status_png""",
+    "recon.fusion": """DepthNoise DepthView FusedSurface Fusion KINECT_NOISE Volume
+        open3d_or_explain stereo_noise""",
+    "recon.sequence": """DepthSource FrameOnDisk FusedFrame FusedSequence RgbdSource
+        SequenceSettings StereoSource find_depth_frames find_pairs fuse_sequence poses_of_frames""",
     "recon.matching_cost": """MATCHING_COSTS AbsoluteDifference AdCensus Census LearnedCost
         MatchingCost NormalisedCrossCorrelation SumOfAbsoluteDifferences SumOfSquaredDifferences
         ZeroMeanNormalisedCrossCorrelation""",

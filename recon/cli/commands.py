@@ -14,6 +14,7 @@ from recon.cli.evaluate import evaluate
 from recon.cli.look import presets, view
 from recon.cli.pair import demo, pair
 from recon.cli.rectify import rectify
+from recon.cli.sequence import sequence
 from recon.cli.terminal import errors
 from recon.cli.train import train, train_regulariser
 
@@ -28,6 +29,7 @@ COMMANDS: dict[str, Callable[..., Any]] = {
     "evaluate": evaluate,
     "presets": presets,
     "rectify": rectify,
+    "sequence": sequence,
     "train": train,
     "view": view,
 }

@@ -1,8 +1,10 @@
 """Reading photographs and disparities, writing results. Every writer is atomic."""
 
 from recon.files.clouds import CLOUD_FORMATS, read_cloud, write_cloud
+from recon.files.depths import read_depth
 from recon.files.glb import write_glb
 from recon.files.images import (
+    image_size,
     read_image,
     read_image_pair,
     read_side_by_side,
@@ -16,7 +18,9 @@ from recon.files.writing import atomic, write_json
 __all__ = [
     "CLOUD_FORMATS",
     "atomic",
+    "image_size",
     "read_cloud",
+    "read_depth",
     "read_image",
     "read_image_pair",
     "read_pfm",

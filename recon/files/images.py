@@ -2,17 +2,28 @@
 
 from __future__ import annotations
 
+import io
 import os
 from pathlib import Path
 
 import cv2
 import numpy as np
+from PIL import Image as Pictures
+from PIL import UnidentifiedImageError
 
 from calib.pair import Image
 from recon.files.writing import atomic
 from recon.types import Array
 
-__all__ = ["encoded", "read_image", "read_image_pair", "read_side_by_side", "write_image"]
+__all__ = [
+    "contents_of",
+    "encoded",
+    "image_size",
+    "read_image",
+    "read_image_pair",
+    "read_side_by_side",
+    "write_image",
+]
 
 CAUSES = (
     (b"Pf\n", "it is a PFM map; read it with read_pfm"),
@@ -29,6 +40,8 @@ CAUSES = (
     (b"\x89PNG", "the PNG is damaged; was the copy interrupted?"),
     (b"\xff\xd8\xff", "the JPEG is damaged; was the copy interrupted?"),
 )
+ORIENTATION = 0x0112  # the tag of EXIF
+QUARTER_TURNS = (5, 6, 7, 8)
 DEPTHS_IN_16_BITS = (8, 10, 12, 14, 16)
 
 
@@ -108,6 +121,23 @@ def read_side_by_side(path: str | os.PathLike[str]) -> tuple[Image, Image]:
     return image[:, : width // 2].copy(), image[:, width // 2 :].copy()
 
 
+def image_size(path: str | os.PathLike[str]) -> tuple[int, int]:
+    """Return (width, height) of a picture as `read_image` returns it; only its head is read.
+
+    Raises:
+        FileNotFoundError: if there is no such file.
+        ValueError: if it is empty or not an image.
+    """
+    contents = contents_of(path)
+    try:
+        with Pictures.open(io.BytesIO(contents)) as picture:
+            turned = picture.getexif().get(ORIENTATION, 1) in QUARTER_TURNS
+            width, height = picture.size
+            return (height, width) if turned else (width, height)
+    except (UnidentifiedImageError, OSError) as error:
+        raise ValueError(f"{path} is not an image: {_likely_cause(contents)}") from error
+
+
 def write_image(path: str | os.PathLike[str], image: Array) -> None:
     """Write an image in the format that the name ends in.
 
@@ -144,7 +174,7 @@ def encoded(image: Array, suffix: str) -> bytes:
 
 def _decoded(path: Path) -> Array:
     """Return the pixels of an image file, (H, W, 3) uint8 or uint16 RGB."""
-    contents = _contents(path)
+    contents = contents_of(path)
     if _is_truncated(contents):
         raise ValueError(f"{path} ends too early; was the copy interrupted?")
     try:
@@ -161,8 +191,9 @@ def _decoded(path: Path) -> Array:
     return cv2.cvtColor(image, cv2.COLOR_BGR2RGB)
 
 
-def _contents(path: Path) -> bytes:
+def contents_of(path: str | os.PathLike[str]) -> bytes:
     """Return the bytes of a file; raise an error that helps if there are none."""
+    path = Path(path)
     if path.is_dir():
         raise IsADirectoryError(f"{path} is a folder; expected an image file")
     if not path.exists():

@@ -1,0 +1,16 @@
+"""Many depth maps of one scene, averaged to one surface."""
+
+from recon.fusion.averaging import Fusion, Volume, open3d_or_explain
+from recon.fusion.surface import FusedSurface
+from recon.fusion.views import KINECT_NOISE, DepthNoise, DepthView, stereo_noise
+
+__all__ = [
+    "KINECT_NOISE",
+    "DepthNoise",
+    "DepthView",
+    "FusedSurface",
+    "Fusion",
+    "Volume",
+    "open3d_or_explain",
+    "stereo_noise",
+]
