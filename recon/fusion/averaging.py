@@ -266,8 +266,8 @@ def _unit(normals: Array) -> Array:
     """Return normals (V, 3) of length 1; where the field is flat and tells none, straight up."""
     length = np.linalg.norm(normals, axis=1, keepdims=True)
     told = np.isfinite(length) & (length > 0)
-    unit = np.divide(normals, length, where=told, out=np.tile(UP, (len(normals), 1)))
-    return unit.astype(np.float32)
+    unit: Array = np.divide(normals, length, where=told, out=np.tile(UP, (len(normals), 1)))
+    return unit.astype(np.float32, copy=False)
 
 
 def open3d_or_explain() -> Any:  # noqa: ANN401  untyped

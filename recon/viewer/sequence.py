@@ -17,7 +17,8 @@ import rerun.blueprint as rrb
 
 from recon.fusion import DepthView, Volume
 from recon.types import Array
-from recon.viewer.drawing import Limits, archetypes
+from recon.viewer.drawing import archetypes
+from recon.viewer.thinning import Limits
 
 __all__ = ["SequenceObserver"]
 

@@ -230,7 +230,7 @@ class TestMistakes:
         assert nothing_left(tmp_path)
 
     def test_ctrl_c_leaves_nothing(self, folder, out, capsys, monkeypatch, tmp_path):
-        def stopped(*_):
+        def stopped(*_, **__):
             raise KeyboardInterrupt
 
         monkeypatch.setattr("recon.output.write_results", stopped)
