@@ -39,7 +39,7 @@ OUTPUTS = {
     "status.png": "why each pixel has a disparity, or has none",
     "cloud.ply": "points in metres with normal, colour, confidence, depth_sigma_m and status",
     "mesh.glb": "surfaces with the left photograph as texture, metres, y up",
-    "mesh_vertex_colours.glb": "the same with colours at the vertices",
+    "mesh_vertex_colours.glb": "the same surfaces, a vertex for every pixel, with its colour",
     "recording.rrd": "every stage, for Rerun",
     "run.json": "settings, versions, times, counts and the metric sanity line",
 }
@@ -148,7 +148,7 @@ def write_results(folder: Path, result: Reconstruction, *, clouds: Collection[st
     for name in clouds:
         write_cloud(folder / OPTIONAL_CLOUDS[name], result.cloud)
     write_glb(folder / "mesh.glb", result.mesh)
-    write_glb(folder / "mesh_vertex_colours.glb", result.mesh, vertex_colours=True)
+    write_glb(folder / "mesh_vertex_colours.glb", result.dense_mesh, vertex_colours=True)
 
 
 def write_rectified(folder: Path, pair: RectifiedPair) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 
@@ -28,6 +28,8 @@ class Reconstruction:
         depth: (H, W) float32 metres, NaN where there is none.
         cloud: the trustworthy pixels in space.
         mesh: the same pixels joined to surfaces.
+        dense_mesh: the same with a vertex for every pixel, for colours at the vertices; `mesh`
+            itself if that was not decimated.
     """
 
     pair: RectifiedPair
@@ -36,6 +38,7 @@ class Reconstruction:
     depth: Array
     cloud: PointCloud
     mesh: Mesh
+    dense_mesh: Mesh
 
 
 def reconstruct(
@@ -76,4 +79,7 @@ def reconstruct(
     observe("cloud", cloud)
     mesh = preset.meshing(disparity, pair, kept=kept)
     observe("mesh", mesh)
-    return Reconstruction(pair, disparities, disparity, depth, cloud, mesh)
+    dense_mesh = mesh
+    if preset.meshing.decimates:
+        dense_mesh = replace(preset.meshing, decimation_sigma=0)(disparity, pair, kept=kept)
+    return Reconstruction(pair, disparities, disparity, depth, cloud, mesh, dense_mesh)

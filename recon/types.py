@@ -199,24 +199,29 @@ class Mesh:
     Attributes:
         vertices: (V, 3) float32, metres.
         faces: (F, 3) int32, indices of vertices, counter-clockwise seen from the camera.
-        uv: (V, 2) float32 in [0, 1], from the left and from the top of the texture.
-        texture: (H, W, 3) uint8 RGB.
+        uv: (V, 2) float32 in [0, 1], from the left and from the top of the texture; None where
+            there is no texture.
+        texture: (H, W, 3) uint8 RGB; None if the surface was not seen by one camera alone.
         colours: (V, 3) uint8 RGB, the same colours at the vertices.
+        normals: (V, 3) float32 of unit length, smooth, on the side from which faces are
+            counter-clockwise.
     """
 
     vertices: Array
     faces: Array
-    uv: Array
-    texture: Array
+    uv: Array | None
+    texture: Array | None
     colours: Array
+    normals: Array
 
     def __post_init__(self) -> None:
         count = len(self.vertices)
-        for name, shape in {
-            "vertices": (count, 3),
-            "uv": (count, 2),
-            "colours": (count, 3),
-        }.items():
+        expected = {"vertices": (count, 3), "colours": (count, 3), "normals": (count, 3)}
+        if (self.uv is None) != (self.texture is None):
+            raise ValueError("uv and texture belong together: give both, or None for both")
+        if self.uv is not None:
+            expected["uv"] = (count, 2)
+        for name, shape in expected.items():
             if getattr(self, name).shape != shape:
                 raise ValueError(f"{name} must be {shape}, got {getattr(self, name).shape}")
         if self.faces.ndim != 2 or self.faces.shape[1] != 3:

@@ -21,6 +21,8 @@ GLTF_FROM_CAMERA = (1.0, -1.0, -1.0)
 
 UNLIT = "KHR_materials_unlit"
 LINEAR_COLOUR = "_linear_colour"
+VERTICES, INDICES = 34962, 34963
+"""ARRAY_BUFFER and ELEMENT_ARRAY_BUFFER, as glTF calls them."""
 
 
 def write_glb(path: str | os.PathLike[str], mesh: Mesh, *, vertex_colours: bool = False) -> None:
@@ -33,38 +35,44 @@ def write_glb(path: str | os.PathLike[str], mesh: Mesh, *, vertex_colours: bool 
         path: of the file to write.
         mesh: in the frame of the left rectified camera.
         vertex_colours: write the colours of the vertices in place of the texture, for programs
-            that show no textures. glTF wants them linear, so they are converted from sRGB, and
-            with 16 bits a channel, as 8 would show steps in dark parts.
+            that show no textures; so it is with a mesh that has none. glTF wants them linear, so
+            they are converted from sRGB, and with 16 bits a channel, as 8 would show steps in
+            dark parts.
 
     Raises:
         ValueError: if the mesh has no faces.
     """
     if not len(mesh.faces):
         raise ValueError("mesh has no faces, so there is nothing to write; is everything filtered?")
+    in_gltf = trimesh.Trimesh(
+        vertices=mesh.vertices * np.array(GLTF_FROM_CAMERA, np.float32),
+        faces=mesh.faces,
+        vertex_normals=mesh.normals * np.array(GLTF_FROM_CAMERA, np.float32),
+        visual=_textured(None if vertex_colours else mesh.texture, mesh.uv),
+        process=False,
+    )
+    if vertex_colours or mesh.texture is None:
+        in_gltf.vertex_attributes[LINEAR_COLOUR] = _linear_sixteen_bits(mesh.colours)
+    contents = trimesh.exchange.gltf.export_glb(
+        in_gltf, include_normals=True, tree_postprocessor=_finish
+    )
+    with atomic(path) as partial:
+        partial.write_bytes(contents)
+
+
+def _textured(texture: Array | None, uv: Array | None) -> Any:  # noqa: ANN401  not typed
+    """Return a dull double-sided material, with a texture (H, W, 3) if there is one."""
     material = trimesh.visual.material.PBRMaterial(
-        name="left_image",
-        baseColorTexture=None if vertex_colours else Pictures.fromarray(mesh.texture),
+        name="left_image" if texture is not None else "vertex_colours",
+        baseColorTexture=None if texture is None else Pictures.fromarray(texture),
         metallicFactor=0.0,
         roughnessFactor=1.0,
         doubleSided=True,
     )
-    from_top = np.array([0, 1], np.float32) + mesh.uv * np.array([1, -1], np.float32)
-    in_gltf = trimesh.Trimesh(
-        vertices=mesh.vertices * np.array(GLTF_FROM_CAMERA, np.float32),
-        faces=mesh.faces,
-        visual=trimesh.visual.TextureVisuals(
-            uv=None if vertex_colours else from_top,  # trimesh counts v from the bottom
-            material=material,
-        ),
-        process=False,
-    )
-    if vertex_colours:
-        in_gltf.vertex_attributes[LINEAR_COLOUR] = _linear_sixteen_bits(mesh.colours)
-    contents = trimesh.exchange.gltf.export_glb(
-        in_gltf, include_normals=False, tree_postprocessor=_finish
-    )
-    with atomic(path) as partial:
-        partial.write_bytes(contents)
+    if texture is None or uv is None:
+        return trimesh.visual.TextureVisuals(uv=None, material=material)
+    from_bottom = np.array([0, 1], np.float32) + uv * np.array([1, -1], np.float32)
+    return trimesh.visual.TextureVisuals(uv=from_bottom, material=material)
 
 
 def linear_from_srgb(colours: Array) -> Array:
@@ -90,7 +98,7 @@ def _linear_sixteen_bits(colours: Array) -> Array:
 
 
 def _finish(tree: dict[str, Any]) -> None:
-    """Make the material unlit, and name 16-bit colours as glTF does; trimesh writes only 8."""
+    """Say what trimesh does not: an unlit material, 16-bit colours, what the buffers are for."""
     for material in tree["materials"]:
         material["extensions"] = {UNLIT: {}}
     tree["extensionsUsed"] = sorted({*tree.get("extensionsUsed", []), UNLIT})
@@ -99,3 +107,7 @@ def _finish(tree: dict[str, Any]) -> None:
         if LINEAR_COLOUR in attributes:
             colour = attributes["COLOR_0"] = attributes.pop(LINEAR_COLOUR)
             tree["accessors"][colour]["normalized"] = True
+        of_indices = mesh["primitives"][0]["indices"]
+        for accessor in (*attributes.values(), of_indices):
+            view = tree["bufferViews"][tree["accessors"][accessor]["bufferView"]]
+            view["target"] = INDICES if accessor == of_indices else VERTICES

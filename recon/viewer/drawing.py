@@ -181,7 +181,10 @@ def _of_mesh(result: Mesh, limits: Limits) -> Drawing:
         vertex_positions=shown.vertices,
         triangle_indices=shown.faces,
         vertex_texcoords=shown.uv,
-        albedo_texture=np.ascontiguousarray(thinned_image(shown.texture, limits.max_pixels)),
+        vertex_colors=shown.colours if shown.texture is None else None,
+        albedo_texture=None
+        if shown.texture is None
+        else np.ascontiguousarray(thinned_image(shown.texture, limits.max_pixels)),
     )
     return [("", drawn)]
 

@@ -107,13 +107,16 @@ def thinned_mesh(mesh: Mesh, max_faces: int) -> Mesh:
         max_faces: how many may remain.
     """
     step = math.ceil(math.sqrt(len(mesh.faces) / max_faces))
+    if step <= 1 or mesh.uv is None or mesh.texture is None:
+        return mesh
     height, width = mesh.texture.shape[:2]
     pixels = np.rint(mesh.uv * (width, height) - 0.5).astype(np.intp)  # (V, 2) as x, y
     vertex_of = np.full((height, width), -1, dtype=np.int32)
     vertex_of[pixels[:, 1].clip(0, height - 1), pixels[:, 0].clip(0, width - 1)] = np.arange(
         len(pixels)
     )
-    if step <= 1 or (vertex_of >= 0).sum() < len(pixels):
+    decimated = np.ptp(pixels[mesh.faces], axis=1).max() > 1
+    if decimated or (vertex_of >= 0).sum() < len(pixels):
         return mesh
 
     corner_x, corner_y = pixels[mesh.faces].min(axis=1).T
@@ -134,6 +137,7 @@ def thinned_mesh(mesh: Mesh, max_faces: int) -> Mesh:
         uv=mesh.uv[used],
         texture=mesh.texture,
         colours=mesh.colours[used],
+        normals=mesh.normals[used],
     )
 
 

@@ -74,6 +74,7 @@ def a_mesh():
         uv=uv,
         texture=texture,
         colours=texture[(uv[:, 1] * 40).astype(int), (uv[:, 0] * 50).astype(int)],
+        normals=np.tile(np.array([0.1, 0, -1], np.float32) / np.float32(1.01**0.5), (20, 1)),
     )
 
 

@@ -15,7 +15,7 @@ GEOMETRY = RectifiedGeometry(
     centre_right=(27.0, 18.25),
     baseline_m=0.1,
 )
-WHOLE = Meshing(min_component_faces=1)
+WHOLE = Meshing(min_component_faces=1, decimation_sigma=0)
 
 
 def a_disparity_map(values):
@@ -155,7 +155,9 @@ def test_vertices_are_the_points_of_the_cloud():
 
 
 def test_every_vertex_is_used():
-    mesh = Meshing(min_component_faces=20)(a_disparity_map(rough_scene(3)), a_pair())
+    mesh = Meshing(min_component_faces=20, decimation_sigma=0)(
+        a_disparity_map(rough_scene(3)), a_pair()
+    )
 
     np.testing.assert_array_equal(np.unique(mesh.faces), np.arange(len(mesh.vertices)))
 
@@ -167,7 +169,8 @@ def test_small_fragments_vanish_and_large_pieces_stay_whole():
     values[10:30, 10:30] = 9.0  # 722 faces
 
     def faces(smallest):
-        return len(Meshing(min_component_faces=smallest)(a_disparity_map(values), a_pair()).faces)
+        pieces = Meshing(min_component_faces=smallest, decimation_sigma=0)
+        return len(pieces(a_disparity_map(values), a_pair()).faces)
 
     assert [faces(n) for n in (1, 8, 9, 18, 19, 722, 723)] == [748, 748, 740, 740, 722, 722, 0]
 
@@ -182,7 +185,8 @@ def test_a_piece_that_winds_is_one_component():
 
     total = len(WHOLE(disparity, a_pair()).faces)
 
-    assert len(Meshing(min_component_faces=total)(disparity, a_pair()).faces) == total
+    largest = Meshing(min_component_faces=total, decimation_sigma=0)
+    assert len(largest(disparity, a_pair()).faces) == total
 
 
 def components_slowly(faces):

@@ -400,7 +400,7 @@ def test_a_coarser_mesh_covers_the_same_surfaces_and_bridges_nothing():
     pair = a_pair(120, 90)
     disparity = a_disparity_map(pair)
     disparity.values[:, 61:] += 20  # a depth edge between columns
-    mesh = Meshing()(disparity, pair)
+    mesh = Meshing(decimation_sigma=0)(disparity, pair)
 
     coarse = thinned_mesh(mesh, len(mesh.faces) // 4)
 
@@ -426,6 +426,7 @@ def test_a_mesh_without_a_grid_is_drawn_whole():
         twice,
         texture,
         texture[0, :3],
+        np.eye(3, dtype=np.float32),
     )
 
     assert thinned_mesh(mesh, 2) is mesh
