@@ -12,7 +12,7 @@ from recon.disparity_range import check_range, estimate_range
 from recon.observer import Observer, ignore
 from recon.settings import Preset
 from recon.triangulation import depth_map
-from recon.types import Array, DisparityMap, Mesh, PointCloud
+from recon.types import Array, DisparityMap, Mesh, PointCloud, Removal
 
 __all__ = ["Reconstruction", "reconstruct"]
 
@@ -28,6 +28,8 @@ class Reconstruction:
         depth: (H, W) float32 metres, NaN where there is none.
         cloud: the trustworthy pixels in space.
         mesh: the same pixels joined to surfaces.
+        removals: what each filter took away, in order, between the pixels with a disparity and
+            the cloud.
     """
 
     pair: RectifiedPair
@@ -36,6 +38,7 @@ class Reconstruction:
     depth: Array
     cloud: PointCloud
     mesh: Mesh
+    removals: tuple[Removal, ...] = ()
 
 
 def reconstruct(
@@ -71,9 +74,10 @@ def reconstruct(
     depth = depth_map(disparity, pair.geometry)
     observe("depth", depth)
 
-    kept = preset.triangulation.kept_pixels(disparity, pair.geometry)
+    kept, of_pixels = preset.triangulation.selection(disparity, pair.geometry)
     cloud = preset.triangulation(disparity, pair, kept=kept)
+    cloud, of_points = preset.cloud(cloud, focal_px=pair.geometry.focal_px)
     observe("cloud", cloud)
     mesh = preset.meshing(disparity, pair, kept=kept)
     observe("mesh", mesh)
-    return Reconstruction(pair, disparities, disparity, depth, cloud, mesh)
+    return Reconstruction(pair, disparities, disparity, depth, cloud, mesh, of_pixels + of_points)
