@@ -12,7 +12,7 @@ from recon.disparity_range import check_range, estimate_range
 from recon.observer import Observer, ignore
 from recon.settings import Preset
 from recon.triangulation import depth_map
-from recon.types import Array, DisparityMap, Mesh, PointCloud
+from recon.types import Array, DisparityMap, Mesh, PointCloud, Removal
 
 __all__ = ["Reconstruction", "reconstruct"]
 
@@ -30,6 +30,8 @@ class Reconstruction:
         mesh: the same pixels joined to surfaces.
         dense_mesh: the same with a vertex for every pixel, for colours at the vertices; `mesh`
             itself if that was not decimated.
+        removals: what each filter took away, in order, between the pixels with a disparity and
+            the cloud.
     """
 
     pair: RectifiedPair
@@ -39,6 +41,7 @@ class Reconstruction:
     cloud: PointCloud
     mesh: Mesh
     dense_mesh: Mesh
+    removals: tuple[Removal, ...] = ()
 
 
 def reconstruct(
@@ -74,12 +77,14 @@ def reconstruct(
     depth = depth_map(disparity, pair.geometry)
     observe("depth", depth)
 
-    kept = preset.triangulation.kept_pixels(disparity, pair.geometry)
+    kept, of_pixels = preset.triangulation.selection(disparity, pair.geometry)
     cloud = preset.triangulation(disparity, pair, kept=kept)
+    cloud, of_points = preset.cloud(cloud, focal_px=pair.geometry.focal_px)
     observe("cloud", cloud)
     mesh = preset.meshing(disparity, pair, kept=kept)
     observe("mesh", mesh)
     dense_mesh = mesh
     if preset.meshing.decimates:
         dense_mesh = replace(preset.meshing, decimation_sigma=0)(disparity, pair, kept=kept)
-    return Reconstruction(pair, disparities, disparity, depth, cloud, mesh, dense_mesh)
+    removals = of_pixels + of_points
+    return Reconstruction(pair, disparities, disparity, depth, cloud, mesh, dense_mesh, removals)

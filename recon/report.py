@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import platform
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from importlib import metadata
 from typing import Any
@@ -14,11 +14,12 @@ import torch
 from calib.rig import RectifiedGeometry
 from recon.pipeline import Reconstruction
 from recon.settings import Preset, spelled_out
-from recon.types import Array, PixelStatus
+from recon.types import Array, PixelStatus, Removal
 
 __all__ = [
     "UNITS",
     "UNITS_WITHOUT_CALIBRATION",
+    "removals_of",
     "run_report",
     "sanity_line",
     "status_counts",
@@ -67,6 +68,7 @@ def run_report(
         "disparities": {"from": result.disparities[0], "to": result.disparities[-1]},
         "pixels per status": status_counts(result.disparity.status),
         "points": len(result.cloud),
+        "removed from the cloud": removals_of(result.removals),
         "triangles": len(result.mesh.faces),
         "seconds": {stage: round(value, 4) for stage, value in seconds.items()},
         "device": torch.cuda.get_device_name() if device == "cuda" else device,
@@ -74,6 +76,14 @@ def run_report(
         "settings": spelled_out(preset),
         "versions": versions(),
     }
+
+
+def removals_of(removals: Sequence[Removal]) -> list[dict[str, Any]]:
+    """Return what each filter took away, with its share of what there was before, in percent."""
+    return [
+        {"filter": r.filter, "removed": r.removed, "of": r.of, "percent": round(r.percent, 3)}
+        for r in removals
+    ]
 
 
 def status_counts(status: Array) -> dict[str, int]:

@@ -17,6 +17,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from calib.row_alignment import RowAlignment
 from recon.aggregation import AGGREGATIONS
+from recon.cloud_filters import CloudFilters
 from recon.coarse_to_fine import CoarseToFine
 from recon.confidence import Confidence
 from recon.filling import Filling
@@ -70,6 +71,7 @@ class Preset:
     Attributes:
         matcher: from the pair to disparities.
         triangulation: from disparities to points.
+        cloud: which of the points stay, by their neighbours.
         meshing: from disparities to triangles.
         description: one line for people.
     """
@@ -77,6 +79,7 @@ class Preset:
     matcher: Matcher
     triangulation: Triangulation = field(default_factory=Triangulation)
     meshing: Meshing = field(default_factory=Meshing)
+    cloud: CloudFilters = field(default_factory=CloudFilters)
     description: str = ""
 
 
@@ -192,13 +195,15 @@ def _preset(table: Table) -> Preset:
     description = str(table.pop("description", ""))
     triangulation = _build(Triangulation, table.pop("triangulation", {}), "triangulation")
     meshing = _build(Meshing, table.pop("meshing", {}), "meshing")
+    cloud = _build(CloudFilters, table.pop("cloud", {}), "cloud")
     known = [entry.name for entry in fields(Matcher)]
     for name in table:
         if name not in known:
-            others = ", ".join([*known, "triangulation", "meshing", "description"])
+            others = ", ".join([*known, "triangulation", "cloud", "meshing", "description"])
             raise ValueError(f"unknown stage or setting {name!r}; a preset has {others}")
     matcher = _build(Matcher, {name: _stage(name, value) for name, value in table.items()}, "")
-    return Preset(matcher, triangulation, replace(meshing, points=triangulation), description)
+    meshing = replace(meshing, points=triangulation)
+    return Preset(matcher, triangulation, meshing, cloud, description)
 
 
 def _stage(name: str, value: Any) -> Any:  # noqa: ANN401  whatever the file holds
@@ -281,6 +286,7 @@ def spelled_out(preset: Preset) -> Table:
         else:
             table[entry.name] = value
     table["triangulation"] = _spelled(preset.triangulation)
+    table["cloud"] = _spelled(preset.cloud)
     table["meshing"] = _spelled(preset.meshing)
     return table
 

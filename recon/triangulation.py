@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,7 +10,7 @@ import numpy as np
 from calib.pair import RectifiedPair
 from calib.rig import RectifiedGeometry
 from recon.normals import surface_normals
-from recon.types import Array, DisparityMap, PixelStatus, PointCloud
+from recon.types import Array, DisparityMap, PixelStatus, PointCloud, Removal
 
 __all__ = [
     "Triangulation",
@@ -202,6 +203,7 @@ class Triangulation:
         depth_edge_px: smallest jump of disparity that is a depth edge. The disparity of a surface
             that both cameras see changes by less than one pixel a pixel; raising it keeps more
             mixed pixels.
+        min_depth_m: leave out points nearer than this; None keeps all.
         max_depth_m: leave out points farther away; None keeps all.
         min_confidence: leave out pixels below this confidence, in [0, 1].
         disparity_sigma_px: standard deviation of a disparity, for the error of the depth.
@@ -213,6 +215,7 @@ class Triangulation:
     include: tuple[str, ...] = ("matched", "filled_mismatch")
     remove_flying_pixels: bool = True
     depth_edge_px: float = 1.0
+    min_depth_m: float | None = None
     max_depth_m: float | None = None
     min_confidence: float = 0.0
     disparity_sigma_px: float = 0.5
@@ -224,8 +227,7 @@ class Triangulation:
             raise ValueError(f"include has {unknown}; states with a disparity are {names}")
         if not self.depth_edge_px > 0:
             raise ValueError(f"depth_edge_px must be positive, got {self.depth_edge_px} px")
-        if self.max_depth_m is not None and not self.max_depth_m > 0:
-            raise ValueError(f"max_depth_m must be positive, got {self.max_depth_m} m")
+        _check_depths(self.min_depth_m, self.max_depth_m)
         if not 0 <= self.min_confidence <= 1:
             raise ValueError(f"min_confidence must be in [0, 1], got {self.min_confidence}")
         if not self.disparity_sigma_px > 0:
@@ -246,16 +248,52 @@ class Triangulation:
         Raises:
             ValueError: if `disparity` and `geometry` differ in size.
         """
+        return self.selection(disparity, geometry)[0]
+
+    def selection(
+        self, disparity: DisparityMap[Array], geometry: RectifiedGeometry
+    ) -> tuple[Array, tuple[Removal, ...]]:
+        """Return `kept_pixels`, and what each filter took away from the pixels with a disparity.
+
+        A pixel that several filters would remove counts for the first.
+
+        Args:
+            disparity: (H, W), of the left view, in pixels.
+            geometry: of the pair that it was computed from.
+
+        Returns:
+            kept: (H, W) bool.
+            removals: in the order in which the filters ran.
+
+        Raises:
+            ValueError: if `disparity` and `geometry` differ in size.
+        """
         _check_size(disparity, geometry)
+        kept = disparity.valid
+        removals = []
+        for name, passes in self._filters(disparity, geometry):
+            before = int(kept.sum())
+            kept = kept & passes
+            removals.append(Removal(name, before - int(kept.sum()), before))
+        return kept, tuple(removals)
+
+    def _filters(
+        self, disparity: DisparityMap[Array], geometry: RectifiedGeometry
+    ) -> Iterator[tuple[str, Array]]:
+        """Yield the filters in use by name, with the pixels (H, W) that pass each."""
         depth = depth_map(disparity, geometry)
         included = [int(PixelStatus[name.upper()]) for name in self.include]
-        kept = np.isfinite(depth) & np.isin(disparity.status, included)
-        kept &= disparity.confidence >= self.min_confidence
+        yield "status", np.isin(disparity.status, included)
+        yield "at infinity", np.isfinite(depth)
+        if self.min_depth_m is not None:
+            yield "nearer than min_depth_m", depth >= self.min_depth_m
         if self.max_depth_m is not None:
-            kept &= np.nan_to_num(depth, nan=np.inf) <= self.max_depth_m
+            yield "farther than max_depth_m", depth <= self.max_depth_m
+        if self.min_confidence > 0:
+            yield "confidence", disparity.confidence >= self.min_confidence
         if self.remove_flying_pixels:
-            kept &= ~flying_pixels(disparity.values, depth_edge_px=self.depth_edge_px)
-        return kept
+            flying = flying_pixels(disparity.values, depth_edge_px=self.depth_edge_px)
+            yield "flying pixels", ~flying
 
     def __call__(
         self, disparity: DisparityMap[Array], pair: RectifiedPair, *, kept: Array | None = None
@@ -279,6 +317,15 @@ class Triangulation:
             disparity_sigma_px=self.disparity_sigma_px,
             depth_edge_px=self.depth_edge_px,
         )
+
+
+def _check_depths(nearest: float | None, farthest: float | None) -> None:
+    """Raise ValueError unless a range of depths in metres holds any."""
+    for name, value in (("min_depth_m", nearest), ("max_depth_m", farthest)):
+        if value is not None and not value > 0:
+            raise ValueError(f"{name} must be positive, got {value} m")
+    if nearest is not None and farthest is not None and not nearest < farthest:
+        raise ValueError(f"min_depth_m {nearest} m must be below max_depth_m {farthest} m")
 
 
 def _check_size(disparity: DisparityMap[Array], geometry: RectifiedGeometry) -> None:

@@ -22,6 +22,7 @@ __all__ = [
     "Mesh",
     "PixelStatus",
     "PointCloud",
+    "Removal",
 ]
 
 Array = npt.NDArray[Any]
@@ -190,6 +191,26 @@ class PointCloud:
             which: (N,) bool, or indices (M,) in the order that is wanted.
         """
         return PointCloud(**{f.name: getattr(self, f.name)[which] for f in fields(self)})
+
+
+@dataclass(frozen=True)
+class Removal:
+    """What a filter took away.
+
+    Attributes:
+        filter: its name, for people.
+        removed: how many pixels or points.
+        of: how many there were before it.
+    """
+
+    filter: str
+    removed: int
+    of: int
+
+    @property
+    def percent(self) -> float:
+        """The share that was removed, 0 of nothing."""
+        return 100 * self.removed / self.of if self.of else 0.0
 
 
 @dataclass(frozen=True, eq=False)

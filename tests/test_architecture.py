@@ -28,7 +28,7 @@ ROWS = (
     ("calib.row_alignment", "calib.row_correction", "calib.estimation", "recon.coarse_to_fine"),
     ("calib.uncalibrated",),
     ("recon.tiles",),
-    ("recon.matcher", "recon.normals"),
+    ("recon.matcher", "recon.normals", "recon.cloud_filters"),
     ("recon.triangulation",),
     ("recon.meshing",),
     ("recon.fusion",),

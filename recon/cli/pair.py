@@ -319,6 +319,13 @@ def _say_what_was_made(report: dict[str, Any], out: Path) -> None:
     console.print(report["metric sanity"], soft_wrap=True)
     if (compiled := report["seconds of first compilation"]) > QUIET:
         console.print(f"{compiled:.1f} s of this went into compiling, once; later runs are faster")
+    taken = [
+        f"{one['filter']} {one['removed']:,} ({one['percent']:.1f} %)"
+        for one in report["removed from the cloud"]
+        if one["removed"]
+    ]
+    if taken:
+        console.print(f"left out of the cloud: {', '.join(taken)}", soft_wrap=True)
     console.print(
         f"{report['points']:,} points and {report['triangles']:,} triangles; results lie in {out}",
         soft_wrap=True,

@@ -195,7 +195,7 @@ class TestMistakes:
         ("text", "message"),
         [
             ("agregation.radius_px=3", r"unknown stage or setting 'agregation'; a preset has "
-             r"matching_cost, aggregation, .*triangulation, meshing, description"),
+             r"matching_cost, aggregation, .*triangulation, cloud, meshing, description"),
             ("matching_cost.method=mccnn", r"unknown method 'mccnn' for matching_cost; there are "
              r"absolute_difference, sad, .*census, ad_census, cnn"),
             ("matching_cost.method=['sad']", r"unknown method \['sad'\] for matching_cost"),

@@ -268,6 +268,39 @@ def test_far_and_doubtful_pixels_are_left_out_on_request():
     np.testing.assert_array_equal(kept, expected)
 
 
+def test_the_summary_of_what_was_left_out_adds_up():
+    values = blurred_along_rows(a_step(left=20.0, right=6.0), 3)
+    values[0] = np.nan
+    values[1] = GEOMETRY.disparity_at_infinity - 1
+    status = np.where(np.isnan(values), PixelStatus.OCCLUDED, PixelStatus.MATCHED)
+    status[2] = PixelStatus.FILLED_OCCLUSION
+    confidence = np.full(values.shape, 0.9)
+    confidence[3] = 0.1
+    confidence[np.isnan(values)] = 0
+    disparity = a_disparity_map(values, status=status, confidence=confidence)
+    every = Triangulation(min_depth_m=0.4, max_depth_m=0.8, min_confidence=0.5)
+
+    kept, removals = every.selection(disparity, GEOMETRY)
+
+    names = ["status", "at infinity", "nearer than min_depth_m", "farther than max_depth_m"]
+    assert [removal.filter for removal in removals] == [*names, "confidence", "flying pixels"]
+    assert removals[0].of == disparity.valid.sum()
+    assert [removal.removed for removal in removals[:2]] == [WIDTH, WIDTH]
+    assert all(removal.removed for removal in removals[2:5])
+    assert removals[0].of - sum(removal.removed for removal in removals) == kept.sum()
+    np.testing.assert_array_equal(kept, every.kept_pixels(disparity, GEOMETRY))
+
+
+def test_normals_are_fitted_to_the_points_that_are_kept():
+    values = blurred_along_rows(a_step(left=9.0, right=6.15), 3)
+    disparity = a_disparity_map(values)
+
+    cloud = Triangulation()(disparity, a_pair())
+
+    assert flying_pixels(values).any()
+    np.testing.assert_allclose(cloud.normals, np.tile((0, 0, -1), (len(cloud), 1)), atol=1e-5)
+
+
 def test_nothing_with_a_disparity_gives_an_empty_cloud():
     cloud = Triangulation()(a_disparity_map(constant(np.nan)), a_pair())
 
@@ -294,6 +327,11 @@ def test_a_disparity_of_another_size_is_refused():
     [
         ({"include": ("occluded",)}, r"include has \['occluded'\]; states with a disparity are"),
         ({"depth_edge_px": 0.0}, "depth_edge_px must be positive, got 0.0 px"),
+        ({"min_depth_m": 0.0}, "min_depth_m must be positive, got 0.0 m"),
+        (
+            {"min_depth_m": 3.0, "max_depth_m": 2.0},
+            "min_depth_m 3.0 m must be below max_depth_m 2.0 m",
+        ),
         ({"max_depth_m": -1.0}, "max_depth_m must be positive, got -1.0 m"),
         ({"min_confidence": 2.0}, r"min_confidence must be in \[0, 1\], got 2.0"),
         ({"disparity_sigma_px": 0.0}, "disparity_sigma_px must be positive, got 0.0 px"),
