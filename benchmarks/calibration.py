@@ -27,13 +27,16 @@ from calib.boards import Corners
 from calib.boards.chessboard import Chessboard
 from calib.boards.generated import (
     photograph,
+    photograph_room,
     poses_for_one,
     random_poses,
     random_rig,
     seen_corners,
 )
 from calib.camera import LENSES, Camera, LensName
+from calib.epipolar import match_views
 from calib.estimation import BoardView, RigEstimate, estimate_rig, judge
+from calib.pair import StereoPair
 from calib.pose import Pose
 from calib.rectify import Rectifier
 from calib.rig import StereoCalibration
@@ -73,6 +76,7 @@ class Trial:
     off: dict[str, Array]
     sigma: dict[str, Array]
     rows_px: Array
+    matched_px: Array
     rms_px: float
     seconds: float
 
@@ -97,8 +101,9 @@ def calibrated(rigs: Rigs, number: int) -> Trial:
     estimate = estimate_rig(BOARD, views, rigs.size, rigs.lens)
     seconds = time.perf_counter() - began
     off, sigma = errors(estimate, rig)
-    found = rows_px(estimate.calibration, rig, seed=number)
-    return Trial(off, sigma, found, estimate.adjusted.rms_px, seconds)
+    true_rows = rows_px(estimate.calibration, rig, seed=number)
+    matched = np.zeros(0) if rigs.corners else matched_rows_px(estimate.calibration, rig, number)
+    return Trial(off, sigma, true_rows, matched, estimate.adjusted.rms_px, seconds)
 
 
 def _seen(camera: Camera, pose: Pose, seed: int, *, corners: bool) -> Corners | None:
@@ -169,6 +174,16 @@ def rows_px(found: StereoCalibration, truth: StereoCalibration, *, seed: int) ->
     return gaps
 
 
+def matched_rows_px(found: StereoCalibration, truth: StereoCalibration, seed: int) -> Array:
+    """Return |y_left - y_right| (n,) of matches in photographs, rectified by an estimate."""
+    raw = photograph_room(truth, seed=seed)
+    try:
+        rectified = Rectifier(found)(StereoPair(raw.left, raw.right, found))
+    except ValueError:
+        return np.zeros(0)
+    return np.abs(match_views(rectified.left, rectified.right).offsets)
+
+
 def table(trials: Sequence[Trial]) -> str:
     """Return the figures of many rigs."""
     seconds, rms = (
@@ -188,14 +203,23 @@ def table(trials: Sequence[Trial]) -> str:
             f"{name:16s} {np.sqrt((off**2).mean()):9.4f} {unit:4s} "
             f"{np.sqrt((ratio**2).mean()):9.2f} {(ratio < 3).mean():14.1%}"
         )
-    rows = [one.rows_px for one in trials if len(one.rows_px)]
-    means, p95 = [part.mean() for part in rows], [np.percentile(part, 95) for part in rows]
-    lines.append(
-        f"rows differ by {np.mean(means):.4f} px in the mean, by {np.mean(p95):.4f} px at the 95th "
-        f"percentile; of the worst rig by {max(means):.4f} and {max(p95):.4f} px; "
-        f"{len(trials) - len(rows)} rigs cannot be rectified"
-    )
+    lines += [
+        _rows("rows of points differ by", [one.rows_px for one in trials]),
+        _rows("rows of photographs differ by", [one.matched_px for one in trials]),
+    ]
     return "\n".join(lines)
+
+
+def _rows(what: str, offsets: Sequence[Array]) -> str:
+    """Return mean and 95th percentile of the rigs that could be rectified."""
+    some = [part for part in offsets if len(part)]
+    if not some:
+        return f"{what}: not measured"
+    means, p95 = [part.mean() for part in some], [np.percentile(part, 95) for part in some]
+    return (
+        f"{what} {np.mean(means):.4f} px in the mean, {np.mean(p95):.4f} px at the 95th percentile;"
+        f" of the worst of {len(some)} rigs by {max(means):.4f} and {max(p95):.4f} px"
+    )
 
 
 def main() -> None:

@@ -1,4 +1,4 @@
-"""Rigs, and boards as they see them, with everything known: to check calibrations against."""
+"""Rigs, and boards and a room as they see them, with everything known: to check calibrations."""
 
 from __future__ import annotations
 
@@ -14,12 +14,13 @@ from calib.boards.charuco import Charuco
 from calib.boards.chessboard import Chessboard
 from calib.boards.protocol import Array, Board, Corners
 from calib.camera import LENSES, Camera, LensName
-from calib.pair import Image
+from calib.pair import Image, StereoPair
 from calib.pose import Pose
 from calib.rig import StereoCalibration
 
 __all__ = [
     "photograph",
+    "photograph_room",
     "poses_for_one",
     "printed",
     "random_poses",
@@ -34,6 +35,7 @@ LENS_BLUR_PX, SENSOR_NOISE = 0.6, 2.0
 MARGIN_PX = 6.0
 FOCAL_SHARE: dict[LensName, float] = {"pinhole": 0.85, "rational": 0.7, "fisheye": 0.45}
 FURTHEST = 1e4  # px, of places on the print
+TEXTURE_PX = 2048
 
 
 def random_rig(
@@ -198,6 +200,55 @@ def photograph(
     """
     picture, to_pixels = printed(board)
     picture = (DARK + (BRIGHT - DARK) / 255 * picture).astype(np.float32)
+    return _exposed(camera, _seen(picture, to_pixels, camera, pose, ROOM), noise, seed)
+
+
+def photograph_room(
+    rig: StereoCalibration, *, noise: float = SENSOR_NOISE, seed: int = 0
+) -> StereoPair:
+    """Return photographs of a wall that fills both views and of a slanted poster before it.
+
+    Args:
+        rig: whose wide angles may reach 150 degrees.
+        noise: standard deviation, of 255.
+        seed: of the textures and the noise.
+    """
+    draw = np.random.default_rng(seed)
+    wall = Pose(_turn(np.array([0.15, 0.1, 0.0])), np.array([0.0, 0.0, 25 * rig.baseline_m]))
+    poster = Pose(_turn(np.array([-0.2, 0.5, 0.1])), np.array([0.0, 0.0, 10 * rig.baseline_m]))
+    widths = 200 * rig.baseline_m, 12 * rig.baseline_m
+    textures = [_texture(draw) for _ in widths]
+    views: list[Image] = []
+    for camera, pose in ((rig.left, Pose.identity()), (rig.right, rig.right_from_left)):
+        far, near = (
+            _seen(texture, _middle_of(texture, width), camera, pose @ place, np.nan)
+            for texture, width, place in zip(textures, widths, (wall, poster), strict=True)
+        )
+        room = np.where(np.isnan(near), np.nan_to_num(far, nan=ROOM), near)
+        views.append(_exposed(camera, room.astype(np.float32), noise, 2 * seed + len(views)))
+    return StereoPair(views[0], views[1], rig)
+
+
+def _texture(draw: np.random.Generator) -> npt.NDArray[np.float32]:
+    """Return a square picture with detail of every size."""
+    total = np.zeros((TEXTURE_PX, TEXTURE_PX), np.float32)
+    for cells in (16, 64, 256, 1024):
+        values = draw.uniform(DARK, BRIGHT, (cells, cells)).astype(np.float32)
+        total += cv2.resize(values, total.shape, interpolation=cv2.INTER_CUBIC) / 4
+    stretched = ROOM + 2 * (total - total.mean())
+    return np.asarray(stretched.clip(0, 255), np.float32)
+
+
+def _middle_of(picture: npt.NDArray[np.float32], width_m: float) -> Array:
+    """Return (3, 3) from metres about the middle of a square picture to its pixels."""
+    scale, middle = picture.shape[0] / width_m, (picture.shape[0] - 1) / 2
+    return np.array([[scale, 0, middle], [0, scale, middle], [0, 0, 1]])
+
+
+def _seen(
+    picture: npt.NDArray[np.float32], to_pixels: Array, camera: Camera, pose: Pose, around: float
+) -> npt.NDArray[np.float32]:
+    """Return what a camera sees of a flat picture, `FINE` samples a pixel each way."""
     rays, (width, height) = _rays(camera)
     to_picture = to_pixels @ np.linalg.inv(np.column_stack([pose.R[:, :2], pose.t]))
     places = rays @ to_picture.T.astype(
@@ -207,10 +258,14 @@ def photograph(
         places = places[:, :2] / np.where(places[:, 2:] > 0, places[:, 2:], np.nan)
     places = np.nan_to_num(places, nan=-FURTHEST).clip(-FURTHEST, FURTHEST)
     x, y = np.ascontiguousarray(places.reshape(height, width, 2).transpose(2, 0, 1))
-    seen = cv2.remap(picture, x, y, cv2.INTER_LINEAR, borderValue=ROOM)
-    seen = cv2.resize(seen, camera.size, interpolation=cv2.INTER_AREA)
-    seen = cv2.GaussianBlur(seen, (0, 0), LENS_BLUR_PX)
-    noisy = np.asarray(seen) + np.random.default_rng(seed).normal(0, noise, seen.shape)
+    return np.asarray(cv2.remap(picture, x, y, cv2.INTER_LINEAR, borderValue=around), np.float32)
+
+
+def _exposed(camera: Camera, seen: npt.NDArray[np.float32], noise: float, seed: int) -> Image:
+    """Return (H, W, 3) uint8 of what a camera sees, with the blur of a lens and noise."""
+    small = cv2.resize(seen, camera.size, interpolation=cv2.INTER_AREA)
+    small = cv2.GaussianBlur(small, (0, 0), LENS_BLUR_PX)
+    noisy = np.asarray(small) + np.random.default_rng(seed).normal(0, noise, small.shape)
     return np.repeat(noisy.clip(0, 255).round().astype(np.uint8)[..., None], 3, axis=2)
 
 
