@@ -10,16 +10,23 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["Camera", "CameraModel"]
+__all__ = ["LENSES", "Camera", "CameraModel", "LensName"]
 
 Array = npt.NDArray[np.float64]
 CameraModel = Literal["pinhole", "fisheye"]
+LensName = Literal["pinhole", "rational", "fisheye"]
 
 COEFFICIENTS: dict[CameraModel, tuple[int, ...]] = {
     "pinhole": (0, 4, 5, 8, 12, 14),
     "fisheye": (4,),
 }
 ALL_COEFFICIENTS = 14
+LENSES: dict[LensName, tuple[CameraModel, int]] = {
+    "pinhole": ("pinhole", 5),
+    "rational": ("pinhole", 8),
+    "fisheye": ("fisheye", 4),
+}
+"""The lenses that people choose between: their model and how many coefficients they have."""
 WIDEST_TANGENT = 100.0  # of the angle to the axis; 89.4 degrees
 NEWTON_STEPS = 15
 NEWTON_STEP_SIZE = 1e-6  # of the numerical derivative, on the plane z = 1
@@ -98,12 +105,16 @@ class Camera:
             (N, 3) points of the rays at z = 1; NaN where the lens has no such ray.
         """
         plane = self._first_guess(pixels)  # (N, 2) on z = 1
+        error = np.full(len(plane), np.inf)
+        wrong = np.arange(len(plane))
         for _ in range(NEWTON_STEPS):
-            residual = self._project_plane(plane) - pixels
-            error = np.hypot(*residual.T)
-            if not (error > CONVERGED_PX).any():
+            residual = self._project_plane(plane[wrong]) - pixels[wrong]
+            error[wrong] = np.hypot(*residual.T)
+            far = error[wrong] > CONVERGED_PX
+            wrong = wrong[far]
+            if not len(wrong):
                 break
-            plane = plane - self._newton_step(plane, residual)
+            plane[wrong] -= self._newton_step(plane[wrong], residual[far])
         lost = ~(error < UNPROJECT_TOLERANCE_PX) | (np.hypot(*plane.T) > self._widest)
         plane[lost] = np.nan
         return np.column_stack([plane, np.where(lost, np.nan, 1.0)])

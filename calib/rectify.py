@@ -14,13 +14,13 @@ from calib.camera import Camera
 from calib.pair import Image, RectifiedPair, StereoPair
 from calib.rig import RectifiedGeometry, StereoCalibration
 
-__all__ = ["Rectifier"]
+__all__ = ["Rectifier", "rectifying_rotations"]
 
 Array = npt.NDArray[np.float64]
 Map = npt.NDArray[np.float32]
 
 BORDER_SAMPLES = 201  # along each side of a raw image
-SMALLEST_SHARE = 0.02  # of the width and height covered, that alpha = 0 may blow up
+SMALLEST_SHARE = 0.02  # of the raw width and height, that alpha = 0 may blow up to the whole
 BORDER_TOLERANCE_PX = 1e-2  # of the maps, which are single precision
 OUTSIDE_PX = np.float32(-2)  # a raw coordinate that remap shows black
 
@@ -89,18 +89,7 @@ class Rectifier:
     @cached_property
     def rotations(self) -> tuple[Array, Array]:
         """The (3, 3) rotations of left and right, to the rectified frame from the raw one."""
-        rig = self.calibration
-        no_lens = np.zeros(5)  # the rotations depend on the poses alone
-        R_left, R_right, *_ = cv2.stereoRectify(
-            rig.left.K,
-            no_lens,
-            rig.right.K,
-            no_lens,
-            rig.left.size,
-            rig.right_from_left.R,
-            rig.right_from_left.t.reshape(3, 1),  # OpenCV 5 does not take (3,)
-        )
-        return np.asarray(R_left, dtype=np.float64), np.asarray(R_right, dtype=np.float64)
+        return rectifying_rotations(self.calibration)
 
     @cached_property
     def geometry(self) -> RectifiedGeometry:
@@ -155,13 +144,13 @@ class Rectifier:
 
     def _focal_px(self, left: _Extent, right: _Extent) -> float:
         size = np.array(self._output_size)
+        scale = (size / self.calibration.left.size).min()
+        raw_px = float(np.mean([camera.K[[0, 1], [0, 1]] for camera in self._cameras]) * scale)
         if self.alpha is None:
-            scale = (size / self.calibration.left.size).min()
-            focals = [camera.K[axis, axis] for camera in self._cameras for axis in (0, 1)]
-            return float(np.mean(focals) * scale)
+            return raw_px
         inner = np.minimum(left.inner[1] - left.inner[0], right.inner[1] - right.inner[0])
         outer = np.maximum(left.outer[1] - left.outer[0], right.outer[1] - right.outer[0])
-        if not (inner > SMALLEST_SHARE * outer).all():
+        if not (inner * raw_px > SMALLEST_SHARE * size).all():
             raise ValueError(
                 "the rectified views have hardly a rectangle in common that both images fill; "
                 "are the cameras turned far apart, or is the calibration of another rig? "
@@ -191,6 +180,21 @@ class Rectifier:
             for side in (0, 1)
         )
         return left, right
+
+
+def rectifying_rotations(rig: StereoCalibration) -> tuple[Array, Array]:
+    """Return the (3, 3) rotations of left and right, to the rectified frame from the raw one."""
+    no_lens = np.zeros(5)  # the rotations depend on the poses alone
+    R_left, R_right, *_ = cv2.stereoRectify(
+        rig.left.K,
+        no_lens,
+        rig.right.K,
+        no_lens,
+        rig.left.size,
+        rig.right_from_left.R,
+        rig.right_from_left.t.reshape(3, 1),  # OpenCV 5 does not take (3,)
+    )
+    return np.asarray(R_left, dtype=np.float64), np.asarray(R_right, dtype=np.float64)
 
 
 @dataclass(frozen=True, eq=False)

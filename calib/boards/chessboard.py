@@ -13,7 +13,7 @@ from calib.pair import Image
 
 __all__ = ["Chessboard"]
 
-FLAGS = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_ACCURACY
+FLAGS = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_EXHAUSTIVE
 QUICK_FLAGS = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_FAST_CHECK
 WINDOW_SHARE = 0.35
 """Half of the window of a sub-pixel corner, as a share of the distance to the next one."""

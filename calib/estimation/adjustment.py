@@ -28,6 +28,10 @@ FIRST_DAMPING, LEAST_DAMPING, MOST_DAMPING = 1e-3, 1e-12, 1e10
 MOST_STEPS = 60
 CONVERGED = 1e-10  # relative fall of the sum of squares
 LENS, POSE = 4, 6  # fx fy cx cy, then the coefficients; rotation vector and translation
+RATIONAL = (0, 1, 4, 5, 6, 7)
+"""Places of k1 to k6 among eight coefficients."""
+RATIONAL_WEIGHT_PX = 0.3
+"""Of each of them in the sum of squares, so that 1 counts like a corner that is so far off."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,7 +155,7 @@ class _System:
     """The normal equations, in blocks: what all views share, each view, and what joins them.
 
     Attributes:
-        squares: the sum of squared residuals.
+        squares: the sum of squared residuals, and what the lens adds; see `_restraint`.
         residuals: of each sighting.
         shared: (G, G) and its gradient (G,).
         own: (V, 6, 6) and gradients (V, 6).
@@ -183,7 +187,10 @@ class _System:
             own[view] += to_own.T @ to_own
             own_gradient[view] += to_own.T @ flat
             joint[view] += to_shared.T @ to_own
-        squares = float(sum((part**2).sum() for part in residuals))
+        weights, values = _restraint(bundle, count)
+        shared += np.diag(weights)
+        shared_gradient += weights * values
+        squares = float(sum((part**2).sum() for part in residuals) + weights @ values**2)
         squares = squares if np.isfinite(squares) else float("inf")
         return cls(
             squares,
@@ -215,6 +222,22 @@ class _System:
         return covariance
 
 
+def _restraint(bundle: Bundle, count: int) -> tuple[Array, Array]:
+    """Return what holds the shared parameters near 0, weights (G,), and their values (G,).
+
+    Numerator and denominator of a rational lens nearly cancel: many values bend the part of the
+    image alike where corners are, and turn back beyond it. Of these the smallest are taken.
+    """
+    weights, values = np.zeros(count), np.zeros(count)
+    for camera, start in zip(bundle.cameras, _starts(bundle), strict=False):
+        if len(camera.distortion) != len(RATIONAL) + 2:
+            continue
+        places = start + LENS + np.array(RATIONAL)
+        weights[places] = RATIONAL_WEIGHT_PX**2
+        values[places] = camera.distortion[list(RATIONAL)]
+    return weights, values
+
+
 def _judged(bundle: Bundle, system: _System) -> Adjusted:
     coordinates = sum(part.size for part in system.residuals)
     freedom = coordinates - _shared_count(bundle) - bundle.boards.size
@@ -222,7 +245,7 @@ def _judged(bundle: Bundle, system: _System) -> Adjusted:
         raise ValueError(
             f"{coordinates // 2} corners do not determine the cameras; take more photographs"
         )
-    variance = system.squares / freedom
+    variance = sum(float((part**2).sum()) for part in system.residuals) / freedom
     return Adjusted(
         bundle, system.residuals, float(np.sqrt(variance)), variance * system.covariance()
     )

@@ -9,15 +9,10 @@ import numpy as np
 import numpy.typing as npt
 
 from calib.boards import Board
+from calib.camera import LensName
 from calib.estimation.adjustment import Adjusted, Array, Bundle, Sighting, adjust, rms
 from calib.estimation.agreement import BoardView, first_rig, turned_alike
-from calib.estimation.one_camera import (
-    FEWEST_VIEWS,
-    CameraFit,
-    LensName,
-    fit_camera,
-    not_worse,
-)
+from calib.estimation.one_camera import FEWEST_VIEWS, CameraFit, fit_camera, not_worse
 from calib.pose import Pose
 from calib.rig import StereoCalibration
 

@@ -4,24 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 
 from calib.boards import Board, Corners
-from calib.camera import Camera, CameraModel
+from calib.camera import LENSES, Camera, CameraModel, LensName
 from calib.estimation.adjustment import Array, Bundle, Sighting, adjust, pose_of_board, rms
 
-__all__ = ["FEWEST_VIEWS", "LENSES", "CameraFit", "LensName", "fit_camera", "lens_of", "not_worse"]
-
-LensName = Literal["pinhole", "rational", "fisheye"]
-LENSES: dict[LensName, tuple[CameraModel, int]] = {
-    "pinhole": ("pinhole", 5),
-    "rational": ("pinhole", 8),
-    "fisheye": ("fisheye", 4),
-}
-"""The models of a lens, and how many coefficients they have."""
+__all__ = ["FEWEST_VIEWS", "CameraFit", "fit_camera", "lens_of", "not_worse"]
 
 FEWEST_VIEWS = 3
 FIRST_FOCALS: dict[CameraModel, tuple[float, ...]] = {

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from calib.estimation.adjustment import Array, rms
 from calib.estimation.estimate import RigEstimate
-from calib.rectify import Rectifier
+from calib.rectify import Rectifier, rectifying_rotations
 
 __all__ = ["Finding", "Quality", "Uncertainty", "judge"]
 
@@ -111,11 +111,14 @@ def judge(estimate: RigEstimate) -> Quality:
 
 def vertical_residuals(estimate: RigEstimate) -> Array:
     """Return |y_left - y_right| (n,) of the corners that both cameras saw, rectified, in pixels."""
-    rectifier = Rectifier(estimate.calibration, alpha=None)
+    rig = estimate.calibration
+    cameras, rotations = (rig.left, rig.right), rectifying_rotations(rig)
+    focal_px = float(np.mean([camera.K[[0, 1], [0, 1]] for camera in cameras]))
     gaps = []
-    for left, right in _both(estimate):
-        ours, theirs = rectifier.points(left, "left"), rectifier.points(right, "right")
-        gaps.append(np.abs(ours[:, 1] - theirs[:, 1]))
+    for pixels in _both(estimate):
+        rays = [c.unproject(p) @ R.T for c, p, R in zip(cameras, pixels, rotations, strict=True)]
+        left, right = (focal_px * ray[:, 1] / ray[:, 2] for ray in rays)
+        gaps.append(np.abs(left - right))
     together = np.concatenate(gaps)
     kept: Array = together[np.isfinite(together)]
     return kept
@@ -290,6 +293,15 @@ def _check_lens(estimate: RigEstimate, _figures: Quality) -> list[Finding]:
     return findings
 
 
+def _check_rectifiable(estimate: RigEstimate, _figures: Quality) -> list[Finding]:
+    try:
+        Rectifier(estimate.calibration)
+    except ValueError as reason:
+        advice = "add views with the board near the borders, or use another --model"
+        return [Finding("D", f"photographs of this rig cannot be rectified: {reason}", advice)]
+    return []
+
+
 CHECKS = (
     _check_rms,
     _check_rows,
@@ -299,6 +311,7 @@ CHECKS = (
     _check_left_out,
     _check_coverage,
     _check_lens,
+    _check_rectifiable,
 )
 
 

@@ -78,9 +78,15 @@ def corners_drawn(small: Thumbnail, pixels: Array | None) -> str:
     return _jpeg(drawn)
 
 
-def rows_picture(pair: StereoPair, most_width: int = 1200) -> str:
-    """Return both rectified views side by side with lines along rows, as a data URL."""
-    rectified = Rectifier(pair.calibration, alpha=1.0)(pair)
+def rows_picture(pair: StereoPair, most_width: int = 1200) -> str | None:
+    """Return both rectified views side by side with lines along rows, as a data URL.
+
+    None if they cannot be rectified, as when the lens turns back before the border of the image.
+    """
+    try:
+        rectified = Rectifier(pair.calibration, alpha=1.0)(pair)
+    except ValueError:
+        return None
     both = np.concatenate([rectified.left, rectified.right], axis=1)
     factor = min(1.0, most_width / both.shape[1])
     both = np.asarray(cv2.resize(both, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA))

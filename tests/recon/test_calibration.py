@@ -7,12 +7,19 @@ import numpy as np
 import pytest
 
 from calib.boards import board_named
-from calib.boards.generated import photograph, random_poses, random_rig
+from calib.boards.generated import (
+    photograph,
+    photograph_room,
+    poses_for_one,
+    random_poses,
+    random_rig,
+)
+from calib.epipolar import match_views, vertical_residual
 from calib.formats import read_calibration
 from recon.calibration import calibrate
 from recon.calibration.photographs import pair_by_name, photographs
 from recon.cli import main
-from recon.files import write_image
+from recon.files import read_image, write_image
 
 BOARD = "chessboard:7x5:30mm"
 SIZE = (400, 300)
@@ -26,14 +33,18 @@ def rig():
 @pytest.fixture(scope="module")
 def folder(rig, tmp_path_factory):
     """Photographs of eight views, left and right in a folder each."""
-    place = tmp_path_factory.mktemp("photographs")
-    board = board_named(BOARD)
+    poses = random_poses(board_named(BOARD), rig, 8, seed=1)
+    return photographed(tmp_path_factory.mktemp("photographs"), rig, poses)
+
+
+def photographed(place, rig, poses):
+    """Write photographs of the board in all poses, and return the folder."""
     for side in ("left", "right"):
         (place / side).mkdir()
-    for number, pose in enumerate(random_poses(board, rig, 8, seed=1)):
+    for number, pose in enumerate(poses):
         views = (rig.left, pose), (rig.right, rig.right_from_left @ pose)
         for side, (camera, at) in zip(("left", "right"), views, strict=True):
-            image = photograph(board, camera, at, seed=number)
+            image = photograph(board_named(BOARD), camera, at, seed=number)
             write_image(place / side / f"{side}{number:02d}.png", image)
     return place
 
@@ -73,10 +84,36 @@ def test_photographs_become_a_rig_with_a_report(folder, rig, tmp_path, capsys):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("lens", ["rational", "fisheye"])
+def test_rows_agree_after_strong_distortion(lens, tmp_path):
+    bent, board = random_rig(SIZE, lens, seed=2), board_named(BOARD)
+    poses = random_poses(board, bent, 8, seed=1) + poses_for_one(board, bent, 4, seed=2)
+    photographed(tmp_path, bent, poses)
+    raw, calib, out = photograph_room(bent), tmp_path / "rig.json", tmp_path / "rectified"
+    write_image(tmp_path / "a.png", raw.left)
+    write_image(tmp_path / "b.png", raw.right)
+
+    run(
+        *("calibrate", tmp_path / "left", tmp_path / "right", "--board", BOARD),
+        *("-o", calib, "--model", lens, "--recording", "none"),
+    )
+    run("rectify", tmp_path / "a.png", tmp_path / "b.png", "--calib", calib, "-o", out)
+
+    residual = vertical_residual(
+        match_views(read_image(out / "left.png"), read_image(out / "right.png"))
+    )
+    assert residual.count > 500
+    assert residual.mean_absolute_px < 0.1
+    assert residual.p95_px < 0.25
+
+
+@pytest.mark.slow
 def test_photographs_with_both_views_side_by_side_give_the_same_rig(folder, tmp_path):
     (tmp_path / "both").mkdir()
     for number in range(8):
-        views = [read(folder / side / f"{side}{number:02d}.png") for side in ("left", "right")]
+        views = [
+            read_image(folder / side / f"{side}{number:02d}.png") for side in ("left", "right")
+        ]
         write_image(tmp_path / "both" / f"{number:02d}.png", np.concatenate(views, axis=1))
 
     apart = calibrate(str(folder / "left"), str(folder / "right"), BOARD)
@@ -84,12 +121,6 @@ def test_photographs_with_both_views_side_by_side_give_the_same_rig(folder, tmp_
 
     ours, theirs = (each.estimate.calibration for each in (apart, together))
     assert np.array_equal(ours.right_from_left.t, theirs.right_from_left.t)
-
-
-def read(path):
-    from recon.files import read_image
-
-    return read_image(path)
 
 
 @pytest.mark.slow
