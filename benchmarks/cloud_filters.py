@@ -5,8 +5,8 @@
 Each pair with truth below the folders is matched and triangulated; a point is wrong if its
 disparity is more than a pixel from the truth, and where the truth is unknown it is not counted.
 Of each filter alone, on the points that the preset keeps: the share of the wrong points that it
-takes, the share of the right ones, and how many of the points that it takes are wrong. A filter is worth
-having if the last is well above one half.
+takes, the share of the right ones, and how many of the points that it takes are wrong. A filter is
+worth having if the last is well above one half.
 """
 
 from __future__ import annotations

@@ -80,6 +80,7 @@ def as_mesh(surface: FusedSurface) -> Mesh:
         uv=np.full((len(surface.vertices), 2), 0.5, np.float32),
         texture=np.full((1, 1, 3), 128, np.uint8),
         colours=surface.colours,
+        normals=surface.normals,
     )
 
 

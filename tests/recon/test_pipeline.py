@@ -59,9 +59,10 @@ def test_points_lie_where_the_scene_is(result):
 
 
 def test_the_mesh_is_made_of_the_same_points(result):
-    assert len(result.mesh.faces) > len(result.cloud)
+    assert len(result.dense_mesh.faces) > len(result.cloud) > len(result.mesh.faces)
     points = {tuple(point) for point in result.cloud.points.tolist()}
-    assert {tuple(vertex) for vertex in result.mesh.vertices.tolist()} <= points
+    for mesh in (result.mesh, result.dense_mesh):
+        assert {tuple(vertex) for vertex in mesh.vertices.tolist()} <= points
 
 
 @pytest.mark.parametrize(("left", "right"), [(20, 0), (0, 20)])
