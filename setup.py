@@ -9,7 +9,7 @@ setup(
         "calib": ["py.typed"],
         "recon": [
             *("py.typed", "presets/*.toml", "weights/*"),
-            *("evaluation/report/*.j2", "calibration/*.j2"),
+            *("evaluation/report/*.j2", "calibration/*.j2", "comparison/*.j2"),
         ],
         "recon.sample": ["*/*", "README.md"],
     },

@@ -4,9 +4,9 @@
 
 Each pair with truth below the folders is matched and triangulated; a point is wrong if its
 disparity is more than a pixel from the truth, and where the truth is unknown it is not counted.
-Of each filter alone, on the points that the preset keeps: the share of the wrong points that it
-takes, the share of the right ones, and how many of the points that it takes are wrong. A filter is
-worth having if the last is well above one half.
+Of each filter alone, on the points that are kept: the share of the wrong points that it takes, the
+share of the right ones, and how many of the points that it takes are wrong. A filter is worth
+having if the last is well above one half.
 """
 
 from __future__ import annotations
@@ -100,7 +100,7 @@ def main(arguments: list[str] | None = None) -> None:
     asked = parser.parse_args(arguments)
     matcher, names = load_preset(asked.preset).matcher, set(asked.names.split(",")) - {""}
     results = []
-    for files in find_scenes(asked.folders):
+    for files in (files for folder in asked.folders for files in find_scenes(folder)):
         if names and files.name not in names:
             continue
         scene = read_scene(files)

@@ -48,7 +48,7 @@ ROWS = (
         "recon.training",
     ),
     ("recon.evaluation", "recon.calibration"),
-    ("recon.sequence",),
+    ("recon.sequence", "recon.comparison"),
     ("recon",),
     ("recon.cli",),
 )
@@ -63,7 +63,7 @@ ONLY_IN = {
     "laspy": ("recon.files",),
     "safetensors": ("recon.networks",),
     "yaml": ("calib.formats",),
-    "jinja2": ("recon.evaluation", "recon.calibration"),
+    "jinja2": ("recon.evaluation", "recon.calibration", "recon.comparison"),
 }
 NEVER_IN = {
     "cv2": (

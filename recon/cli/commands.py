@@ -9,6 +9,7 @@ from typing import Any, NoReturn
 import tyro
 
 from recon.cli.calibrate import calibrate
+from recon.cli.compare import compare
 from recon.cli.convert import convert
 from recon.cli.evaluate import evaluate
 from recon.cli.look import presets, view
@@ -25,6 +26,7 @@ COMMANDS: dict[str, Callable[..., Any]] = {
     "pair": pair,
     "demo": demo,
     "calibrate": calibrate,
+    "compare": compare,
     "convert": convert,
     "evaluate": evaluate,
     "presets": presets,
