@@ -53,10 +53,11 @@ class CurveKeeper:
         Args:
             wanted: columns and rows of pixels of the left view that are shown in any case.
         """
-        self.probes: list[Probe] = [Probe(f"asked_{x}_{y}", x, y, "asked for") for x, y in wanted]
+        self.probes: list[Probe] = [
+            Probe(f"asked_{x}_{y}", x, y, "asked for") for x, y in dict.fromkeys(wanted)
+        ]
         self._pair: RectifiedPair | None = None
         self._kept: list[Kept] = []
-        self._last_step = 0
 
     def look_at(self, pair: RectifiedPair) -> None:
         """Begin with a pair.
