@@ -172,7 +172,7 @@ def _numbers(drawn: Mapping[str, type], probes: Sequence[str]) -> list[rrb.View 
     shown: list[rrb.View | rrb.Container] = [rrb.TextDocumentView(origin=SUMMARY, name="summary")]
     if probes:
         charts = [rrb.BarChartView(origin=path, name=path.rpartition("/")[2]) for path in probes]
-        shown.append(rrb.Grid(*charts, grid_columns=2, name="cost curves"))
+        shown.append(rrb.Tabs(*charts, name="cost curves"))
     histograms = [path for path in drawn if path.startswith(HISTOGRAMS)]
     if histograms:
         views = (rrb.BarChartView(origin=path, name=path.rpartition("/")[2]) for path in histograms)

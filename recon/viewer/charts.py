@@ -17,7 +17,7 @@ COST_LOOK = {
 }
 """Colour and width of the bars of each stage, so that the earlier is seen behind the later."""
 
-RESULT_COLOUR, RESULT_WIDTH = (214, 40, 57), 0.2
+RESULT_COLOUR, RESULT_WIDTH = (214, 40, 57), 0.4
 PLAIN = (90, 110, 140)
 
 

@@ -19,6 +19,10 @@ __all__ = ["PROBES", "STAGES_WITH_CURVES", "CurveKeeper"]
 
 PROBES = "/probes"
 STAGES_WITH_CURVES = ("matching_cost", "aggregation")
+PLACES = {"matching_cost": "1_matching_cost", "aggregation": "2_aggregation"}
+RESULT = "3_result"
+"""Bars are drawn in the order of their names, later ones in front."""
+
 COLOURS = ((232, 66, 66), (40, 130, 230), (250, 190, 30), (160, 80, 200), (30, 170, 110))
 
 
@@ -53,10 +57,11 @@ class CurveKeeper:
         Args:
             wanted: columns and rows of pixels of the left view that are shown in any case.
         """
-        self.probes: list[Probe] = [Probe(f"asked_{x}_{y}", x, y, "asked for") for x, y in wanted]
+        self.probes: list[Probe] = [
+            Probe(f"asked_{x}_{y}", x, y, "asked for") for x, y in dict.fromkeys(wanted)
+        ]
         self._pair: RectifiedPair | None = None
         self._kept: list[Kept] = []
-        self._last_step = 0
 
     def look_at(self, pair: RectifiedPair) -> None:
         """Begin with a pair.
@@ -118,10 +123,10 @@ class CurveKeeper:
                 bars = None if curve is None else cost_bars(curve, kept.stage)
                 if curve is not None and bars is not None:
                     highest = max(highest, float(curve.costs[np.isfinite(curve.costs)].max()))
-                    yield kept.step, [(f"{PROBES}/{probe.name}/{kept.stage}", bars)]
+                    yield kept.step, [(f"{PROBES}/{probe.name}/{PLACES[kept.stage]}", bars)]
             value = float(disparity.values[probe.y, probe.x])
             if np.isfinite(value) and highest:
-                yield step, [(f"{PROBES}/{probe.name}/result", result_bar(value, highest))]
+                yield step, [(f"{PROBES}/{probe.name}/{RESULT}", result_bar(value, highest))]
 
     def marks(self, disparity: DisparityMap[Array], thinned_by: int) -> Drawing:
         """Draw the probes into both photographs and the scene.

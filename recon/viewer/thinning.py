@@ -151,10 +151,9 @@ def left_out(result: object, limits: Limits) -> list[str]:
     files = "the files have all of them"
     if isinstance(result, PointCloud) and len(result) > limits.max_points:
         return [f"{limits.max_points:,} of {len(result):,} points are shown; {files}"]
-    if isinstance(result, Mesh) and len(result.faces) > limits.max_faces:
-        return [
-            f"at most {limits.max_faces:,} of {len(result.faces):,} triangles are shown; {files}"
-        ]
+    if isinstance(result, Mesh):
+        shown, count = len(thinned_mesh(result, limits.max_faces).faces), len(result.faces)
+        return [f"{shown:,} of {count:,} triangles are shown; {files}"] if shown < count else []
     if isinstance(result, RectifiedPair):
         step = thinning_step(*result.geometry.size, limits.max_pixels)
         less = [f"every {step}. pixel of every {step}. row is shown"] if step > 1 else []

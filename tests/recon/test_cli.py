@@ -1,10 +1,13 @@
 """The command, run as a person runs it: every mistake has its message and leaves nothing."""
 
 import json
+import re
+import signal
 import socket
 import subprocess
 import sys
 import tempfile
+import urllib.request
 from pathlib import Path
 
 import cv2
@@ -17,6 +20,7 @@ from recon import choice
 from recon.cli import main
 from recon.files import read_image, read_pfm, write_image
 from recon.output import OUTPUTS
+from recon.viewer import RerunObserver
 
 FILES_ALWAYS = OUTPUTS.keys() - {"recording.rrd"}
 
@@ -484,6 +488,27 @@ class TestView:
         assert served == [(tmp_path / "recording.rrd", 9100)]
         assert waited == [True]
         assert "from another machine: ssh -L 9100" in capsys.readouterr().out
+
+    @pytest.mark.slow
+    def test_ctrl_c_ends_the_page_without_a_word(self, tmp_path):
+        with RerunObserver(save=tmp_path / "recording.rrd") as observe:
+            observe("settings", "text")
+        code = "from recon.cli import main; main()"
+        served = subprocess.Popen(
+            [sys.executable, "-c", code, "view", str(tmp_path), "--web"],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        url = re.search(r"http://\S+(?=;)", served.stdout.readline()).group()
+        with urllib.request.urlopen(url, timeout=20) as page:
+            assert b"<html" in page.read()
+        served.stdout.readline()
+
+        served.send_signal(signal.SIGINT)
+
+        rest, complaints = served.communicate(timeout=20)
+        assert (served.returncode, rest, complaints) == (0, "", "")
 
     def test_a_port_without_a_page_is_refused(self, tmp_path, capsys):
         (tmp_path / "recording.rrd").write_text("")

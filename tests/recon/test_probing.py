@@ -61,8 +61,8 @@ class Volumes:
 def charts(recording, name):
     """Return abscissa and heights of the bars of a probe, by stage."""
     found = {}
-    for stage in ("matching_cost", "aggregation", "result"):
-        for row in logged(recording, f"/probes/{name}/{stage}"):
+    for place, stage in enumerate(("matching_cost", "aggregation", "result"), start=1):
+        for row in logged(recording, f"/probes/{name}/{place}_{stage}"):
             abscissa, heights = (
                 np.array(row[f"BarChart:{what}"][0]["buffer"]) for what in ("abscissa", "values")
             )

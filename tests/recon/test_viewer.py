@@ -317,9 +317,11 @@ def test_what_is_thinned_is_said_in_the_summary(tmp_path):
     said = logged(tmp_path / "a.rrd", "/summary")[-1]["TextDocument:text"][0]
     assert said.startswith("**f 70 px, baseline 0.2 m**")
     assert "cloud: 100 of 2,430 points are shown" in said
-    assert "mesh: at most 500 of 4,655 triangles" in said
+    assert "triangles are shown; the files have all of them" in said
     assert "every 2. pixel of every 2. row" in said
     assert "| units | metres |" in said
+    (mesh,) = logged(tmp_path / "a.rrd", "/world/mesh")
+    assert f"mesh: {len(mesh['Mesh3D:triangle_indices'])} of 4,655 triangles" in said
     (cloud,) = logged(tmp_path / "a.rrd", "/world/cloud")
     assert len(cloud["Points3D:positions"]) == 100
 
@@ -441,8 +443,8 @@ def test_the_algorithms_do_not_load_rerun():
 
 
 @pytest.mark.slow
-def test_a_pair_of_a_third_of_a_megapixel_takes_little_time_and_space(tmp_path):
-    stages = all_stages(a_pair(700, 500), count=75)
+def test_a_pair_of_one_and_a_half_megapixels_takes_little_time_and_space(tmp_path):
+    stages = all_stages(a_pair(1440, 1000))  # noise: no photograph compresses as badly
 
     start = time.process_time()
     with RerunObserver(save=tmp_path / "a.rrd") as observe:
@@ -450,8 +452,8 @@ def test_a_pair_of_a_third_of_a_megapixel_takes_little_time_and_space(tmp_path):
             observe(stage, result)
     seconds = time.process_time() - start
 
-    assert seconds < 3  # of the processor, so that a busy machine does not matter; 0.5 if quiet
-    assert (tmp_path / "a.rrd").stat().st_size < 15e6
+    assert seconds < 15  # of the processor, so that a busy machine does not matter; 3 if quiet
+    assert (tmp_path / "a.rrd").stat().st_size < 30e6
 
 
 @pytest.mark.slow

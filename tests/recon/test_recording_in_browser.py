@@ -1,0 +1,47 @@
+"""The web viewer shows a recording: checked by looking at the page."""
+
+import numpy as np
+import pytest
+from browsing import chromium, page
+from rendered import QUICK, SEARCHED, still_life
+
+from recon import reconstruct
+from recon.settings import load_preset
+from recon.viewer import RerunObserver, serve_recording
+
+SIZE = (1000, 760)
+
+
+def colourful(picture):
+    """Return the share of pixels that are neither grey, white nor black."""
+    spread = picture.max(axis=2).astype(int) - picture.min(axis=2)
+    return float((spread > 30).mean())
+
+
+def scene(shown):
+    """Return what the page has of the scene: the left half, between its tabs and the stages."""
+    return shown[60 : int(0.75 * len(shown)), : SIZE[0] // 2 - 20]
+
+
+def photographs(shown):
+    """Return what the page has of the photographs: the upper right quarter."""
+    return shown[60 : int(0.4 * len(shown)), SIZE[0] // 2 + 20 :]
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(chromium() is None, reason="there is no Chromium")
+def test_the_served_recording_is_seen_in_a_browser(tmp_path):
+    (tmp_path / "quick.toml").write_text(QUICK)
+    preset = load_preset(str(tmp_path / "quick.toml"))
+    with RerunObserver(save=tmp_path / "a.rrd") as observe:
+        reconstruct(still_life().pair, preset, disparities=SEARCHED, observe=observe)
+
+    served = serve_recording(tmp_path / "a.rrd", open_browser=False)
+    with page(f"{served.url}&renderer=webgl&theme=light", size=SIZE) as tab:
+        shown = tab.picture_when(
+            lambda picture: colourful(scene(picture)) > 0.05, within_s=120, every_s=3
+        )
+
+    assert colourful(scene(shown)) > 0.05, "no surface is seen"
+    assert colourful(photographs(shown)) > 0.05, "no photograph is seen"
+    assert len(np.unique(shown.reshape(-1, 3), axis=0)) > 1000
