@@ -16,6 +16,8 @@ from recon.files.exif import focal_length_35mm
 __all__ = ["PairOnDisk", "RangeRequest", "read_pair", "read_uncalibrated_pair"]
 
 LEAST_CONTRAST = 1.0
+LEAST_FOCAL, MOST_FOCAL = 0.1, 50.0
+"""Of the width of the picture: views of 157 and of 1 degree."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +83,11 @@ def read_pair(
 
 
 def read_uncalibrated_pair(
-    left: str | Path, right: str | Path | None, *, scale: float = 1.0
+    left: str | Path,
+    right: str | Path | None,
+    *,
+    scale: float = 1.0,
+    focal_px: float | None = None,
 ) -> PairOnDisk:
     """Read two photographs of one camera and estimate from them how it was moved.
 
@@ -91,6 +97,7 @@ def read_uncalibrated_pair(
         left: picture from the left.
         right: picture from the right; None if `left` shows both side by side.
         scale: the rectified pair is resized by this, its geometry with it.
+        focal_px: of the pictures as they are; None takes the EXIF note, the matches or a guess.
 
     Raises:
         FileNotFoundError: if a file is missing.
@@ -98,10 +105,15 @@ def read_uncalibrated_pair(
     """
     images = _read_images(left, right, scale)
     height, width = images[0].shape[:2]
+    if focal_px is not None and not LEAST_FOCAL < focal_px / width < MOST_FOCAL:
+        raise ValueError(
+            f"a focal length of {focal_px:g} px does not fit pictures {width} px wide; it lies "
+            f"between {LEAST_FOCAL * width:.0f} and {MOST_FOCAL * width:.0f} px: is it in mm?"
+        )
     # Of two views in one picture the note, if any, is for a sensor of another shape.
-    focal_35mm = focal_length_35mm(left) if right is not None else None
-    focal_px = focal_px_of(focal_35mm, (width, height)) if focal_35mm else None
-    found = estimate_uncalibrated_rig(*images, focal_px=focal_px)
+    focal_35mm = focal_length_35mm(left) if right is not None and focal_px is None else None
+    noted_px = focal_px_of(focal_35mm, (width, height)) if focal_35mm else None
+    found = estimate_uncalibrated_rig(*images, focal_px=focal_px or noted_px)
     pair: StereoPair | RectifiedPair = StereoPair(*images, found.calibration)
     focal = f"{found.calibration.left.K[0, 0]:.0f} px, {_focal_source(found, focal_35mm)}"
     inputs = {
@@ -123,12 +135,15 @@ def read_uncalibrated_pair(
 
 def _focal_source(found: EstimatedRig, focal_35mm: float | None) -> str:
     """Return where the focal length of an estimate comes from, in words."""
+    if found.focal_from == "given" and focal_35mm is None:
+        return "as given"
     if found.focal_from == "given":
         return f"from the EXIF note of a {focal_35mm} mm lens (35 mm equivalent)"
     if found.focal_from == "matches":
         return "from the matches"
     return (
-        "a guess, a 35 mm lens (35 mm equivalent): if it is wrong, depth is stretched against width"
+        "a guess, a 35 mm lens (35 mm equivalent): if it is wrong, depth is stretched against "
+        "width; say it with --focal-px"
     )
 
 

@@ -6,10 +6,13 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
+from calib.camera import Camera
 from calib.estimation import Quality, RigEstimate
 from calib.pair import StereoPair
+from calib.rig import StereoCalibration
 from recon.calibration.detection import Detected
 from recon.calibration.pictures import (
     coverage_drawing,
@@ -27,11 +30,14 @@ GRADES = {
     "D": "do not use it",
 }
 SIDES = ("left", "right")
+DEPTHS = (10, 30, 100)
+"""Baselines away, at which the uncertainty of depth is stated."""
 
 
 def plain_report(estimate: RigEstimate, quality: Quality) -> dict[str, Any]:
     """Return every figure with its unit in its name, for JSON."""
     rig, sure = estimate.calibration, quality.uncertainty
+    middle = estimate.board.points.mean(0, keepdims=True)
     cameras = {
         side: {
             "focal_px": [camera.K[0, 0], camera.K[1, 1]],
@@ -40,6 +46,7 @@ def plain_report(estimate: RigEstimate, quality: Quality) -> dict[str, Any]:
             "centre_sigma_px": sure.centre_px[index],
             "distortion": camera.distortion.tolist(),
             "model": camera.model,
+            "field_of_view_deg": _field_of_view(camera),
             "rms_px": quality.camera_rms_px[index],
             "rms_alone_px": estimate.camera_rms_px[index],
             "corners_per_cell": quality.coverage[index].tolist(),
@@ -47,6 +54,7 @@ def plain_report(estimate: RigEstimate, quality: Quality) -> dict[str, Any]:
         for index, (side, camera) in enumerate(zip(SIDES, (rig.left, rig.right), strict=True))
     }
     turn = rig.right_from_left.values[:3]
+    distances = [float(np.linalg.norm(pose.apply(middle)[0])) for pose in estimate.board_poses]
     return {
         "grade": quality.grade,
         "findings": [vars(finding) for finding in quality.findings],
@@ -60,9 +68,13 @@ def plain_report(estimate: RigEstimate, quality: Quality) -> dict[str, Any]:
         "baseline_m": rig.baseline_m,
         "baseline_sigma_m": sure.baseline_m,
         "translation_m": rig.right_from_left.t.tolist(),
+        "centre_of_right_m": rig.right_from_left.inverse().t.tolist(),
         "rotation_rad": turn.tolist(),
+        "rotation_deg": np.degrees(turn).tolist(),
         "rotation_sigma_deg": list(sure.turn_deg),
         "disparity_sigma_px": sure.disparity_px,
+        "depths": [_depth(rig, sure.disparity_px, count * rig.baseline_m) for count in DEPTHS],
+        "board_distance_m": [min(distances), max(distances)],
         "cameras": cameras,
         "views": [
             {"name": name, "rms_px": float(error), "tilt_deg": float(tilt)}
@@ -98,6 +110,23 @@ def render_report(
         size=estimate.calibration.left.size,
     )
     return page
+
+
+def _field_of_view(camera: Camera) -> list[float]:
+    """Return the angles in degrees between the middles of opposite borders: across and down."""
+    (width, height), (cx, cy) = camera.size, camera.K[:2, 2]
+    ends = [[0, cy], [width - 1, cy]], [[cx, 0], [cx, height - 1]]
+    angles = []
+    for pair in ends:
+        rays = camera.unproject(np.array(pair, np.float64))
+        angles.append(float(np.degrees(np.arctan(np.hypot(rays[:, 0], rays[:, 1])).sum())))
+    return angles
+
+
+def _depth(rig: StereoCalibration, disparity_sigma_px: float, depth_m: float) -> dict[str, float]:
+    """Return how far off a depth is if all disparities are, sigma_Z = Z^2 / (f B) sigma_d."""
+    sigma_m = depth_m**2 / (rig.left.K[0, 0] * rig.baseline_m) * disparity_sigma_px
+    return {"depth_m": depth_m, "sigma_m": sigma_m}
 
 
 @cache

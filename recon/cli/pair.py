@@ -74,6 +74,7 @@ def pair(  # noqa: PLR0913  every one is an option of the command
     raw: bool = False,
     unit: Unit | None = None,
     uncalibrated: bool = False,
+    focal_px: float | None = None,
     refine_rectification: bool = False,
     ignore_rectification: bool = False,
     min_disparity: int | None = None,
@@ -103,6 +104,8 @@ def pair(  # noqa: PLR0913  every one is an option of the command
         unit: of the lengths in the calibration, where it does not say.
         uncalibrated: estimate the cameras from the pictures, without --calib; shapes come out up
             to scale, not in metres.
+        focal_px: focal length in pixels of the given pictures, with --uncalibrated, where you know
+            it; otherwise taken from the EXIF note, the matches or a guess.
         refine_rectification: turn the cameras a little so that the rows of the views agree better,
             if they do so significantly.
         ignore_rectification: go on even if the rows of the views are so far from agreeing, or left
@@ -137,12 +140,14 @@ def pair(  # noqa: PLR0913  every one is an option of the command
             "give the calibration with --calib, or say --uncalibrated to estimate the cameras from "
             "the pictures; the result is then not in metres"
         )
+    if focal_px is not None and not uncalibrated:
+        raise ValueError("--focal-px is for --uncalibrated; a calibration has its own")
     if probe and recording == "none":
         raise ValueError("--probe is for the recording, but --recording none makes none")
     if port is not None and recording != "serve":
         raise ValueError("--port is of the page that --recording serve shows; say that too")
     _run(
-        lambda: _read((left, right), calib, stated, scale, unit),
+        lambda: _read((left, right), calib, stated, scale, unit, focal_px),
         out,
         _preset_for(preset, settings, (*override, *_at_least(min_confidence))),
         RangeRequest(min_disparity, max_disparity, scale),
@@ -227,11 +232,12 @@ def _read(
     rectified: bool | None,
     scale: float,
     unit: Unit | None,
+    focal_px: float | None,
 ) -> PairOnDisk:
     from recon.pairs import read_pair, read_uncalibrated_pair
 
     if calib is None:
-        return read_uncalibrated_pair(*pictures, scale=scale)
+        return read_uncalibrated_pair(*pictures, scale=scale, focal_px=focal_px)
     return read_pair(*pictures, calib, rectified=rectified, scale=scale, unit=unit)
 
 

@@ -75,6 +75,16 @@ def test_photographs_become_a_rig_with_a_report(folder, rig, tmp_path, capsys):
     report = json.loads((tmp_path / "rig_report.json").read_text())
     assert report["rms_px"] < 0.2
     assert len(report["views"]) == 8
+    assert report["centre_of_right_m"][0] == pytest.approx(rig.baseline_m, rel=0.01)
+    for at in report["depths"]:
+        disparity = found.left.K[0, 0] * found.baseline_m / at["depth_m"]
+        nearer = at["depth_m"] - found.left.K[0, 0] * found.baseline_m / (
+            disparity + report["disparity_sigma_px"]
+        )
+        assert at["sigma_m"] == pytest.approx(nearer, rel=0.2)
+    for camera in report["cameras"].values():
+        assert 50 < camera["field_of_view_deg"][1] * 4 / 3 < camera["field_of_view_deg"][0] * 1.2
+    assert 0.1 < report["board_distance_m"][0] < report["board_distance_m"][1] < 1
     page = (tmp_path / "rig_report.html").read_text()
     assert page.count("data:image/jpeg") == 17
     assert "http" not in page.replace("http://www.w3.org", "")

@@ -137,3 +137,22 @@ def test_pictures_that_tell_nothing_end_with_the_reason(folder, tmp_path, capsys
 
     assert message.startswith("cannot estimate the cameras: only ")
     assert [path.name for path in tmp_path.iterdir()] == ["in"]
+
+
+def test_a_focal_length_that_is_known_is_taken(folder):
+    pictures = folder / "left.png", folder / "right.png"
+
+    source = read_uncalibrated_pair(*pictures, focal_px=380, scale=0.5)
+
+    assert source.inputs["focal length"] == "380 px, as given"
+
+
+@pytest.mark.parametrize(
+    ("more", "reason"),
+    [
+        (["--uncalibrated", "--focal-px", "35"], "35 px does not fit pictures 360 px wide"),
+        (["--calib", "rig.json", "--focal-px", "380"], "--focal-px is for --uncalibrated"),
+    ],
+)
+def test_a_focal_length_that_cannot_be_is_refused(folder, tmp_path, capsys, more, reason):
+    assert reason in message_of(words(folder, tmp_path / "out", *more), capsys)
