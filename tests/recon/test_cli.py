@@ -351,6 +351,20 @@ class TestSuccess:
 
         assert {path.name: path.read_bytes() for path in out.iterdir()} == before
 
+    def test_filters_and_formats_of_the_cloud_are_asked_for_by_name(self, folder, out, capsys):
+        main(words(folder, out, "--cloud-format", "npz", "--set", "cloud.voxel_m=0.1"))
+
+        report = json.loads((out / "run.json").read_text())
+        taken = report["removed from the cloud"]
+        assert [one["filter"] for one in taken][-1] == "merged in voxels"
+        pixels = taken[0]["of"]
+        assert pixels - sum(one["removed"] for one in taken) == report["points"]
+        assert report["settings"]["cloud"]["voxel_m"] == 0.1
+        with np.load(out / "cloud.npz") as archive:
+            assert len(archive["points"]) == report["points"]
+        assert "left out of the cloud: " in (said := capsys.readouterr().out)
+        assert "merged in voxels" in said
+
     @pytest.mark.slow
     def test_the_recording_is_one_of_the_files(self, folder, out):
         main([*words(folder, out), "--recording", "save"])

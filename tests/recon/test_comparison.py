@@ -139,6 +139,19 @@ def test_a_shift_is_the_distance_in_both_directions(tmp_path):
 
 
 @pytest.mark.slow
+def test_where_only_the_other_side_knows_sigma_that_of_the_nearest_point_counts(tmp_path):
+    wall = a_wall(2.0)
+    sigma = np.linspace(0.1, 0.2, len(wall)).astype(np.float32)
+    wall = dataclasses.replace(wall, depth_sigma_m=sigma)
+    a = read_shape(saved(tmp_path / "a.ply", wall))
+    b = dataclasses.replace(a, sigma_m=None)
+    without = dataclasses.replace(a, sigma_m=None)
+
+    np.testing.assert_array_equal(compare(a, b).b_to_a.sigma_m, sigma)
+    assert direction_figures(compare(without, b).a_to_b)["within_3_sigma"] is None
+
+
+@pytest.mark.slow
 def test_shares_are_below_the_limit_and_only_of_points_that_are_asked(tmp_path):
     wall = a_wall(2.0)
     far = np.zeros(len(wall), bool)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from rendered import QUICK, SEARCHED, still_life
 
-from recon.files import read_pfm, read_ply
+from recon.files import read_cloud, read_pfm, read_ply
 from recon.output import OUTPUTS, all_or_nothing, write_results
 from recon.pipeline import reconstruct
 from recon.settings import load_preset
@@ -142,6 +142,31 @@ def test_results_are_written_under_the_names_that_are_promised(tmp_path, result)
     values = read_pfm(tmp_path / "disparity.pfm")
     assert np.array_equal(values, result.disparity.values, equal_nan=True)
     assert np.array_equal(read_ply(tmp_path / "cloud.ply").points, result.cloud.points)
+
+
+def test_the_cloud_is_written_in_the_formats_that_are_asked_for(tmp_path, result):
+    write_results(tmp_path, result, clouds=["npz", "laz"])
+
+    made = {path.name for path in tmp_path.iterdir()}
+    assert made == {*OUTPUTS, "cloud.npz", "cloud.laz"} - {"recording.rrd", "run.json"}
+    assert np.array_equal(read_cloud(tmp_path / "cloud.npz").points, result.cloud.points)
+
+
+def test_a_cloud_that_was_not_asked_for_again_is_removed(tmp_path):
+    (tmp_path / "cloud.las").write_text("of an earlier run")
+
+    with all_or_nothing(tmp_path) as folder:
+        (folder / "cloud.ply").write_text("of this one")
+
+    assert [path.name for path in tmp_path.iterdir()] == ["cloud.ply"]
+
+
+def test_what_the_filters_took_is_what_lies_between_pixels_and_points(result):
+    left = int(result.disparity.valid.sum())
+    for removal in result.removals:
+        assert removal.of == left
+        left -= removal.removed
+    assert left == len(result.cloud)
 
 
 def test_a_result_without_a_surface_is_refused(tmp_path, result):
