@@ -96,7 +96,7 @@ def write_calibrated(path: str | Path, calibrated: Calibrated, *, recording: boo
         write_json(plain, plain_report(estimate, calibrated.quality))
         if recording:
             pictures = tuple((left.image, right.image) for left, right in detected.thumbnails)
-            record_rig(rrd, estimate, detected.views, pictures)
+            record_rig(rrd, estimate, calibrated.quality, detected.views, pictures)
 
 
 def _paired(left: str, right: str | None) -> Paired:

@@ -10,7 +10,8 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from calib.camera import Camera
-from calib.estimation import BoardView, RigEstimate
+from calib.estimation import BoardView, Quality, RigEstimate
+from calib.estimation.adjustment import rms
 from calib.pair import Image
 from calib.pose import Pose
 from recon.files import atomic
@@ -20,13 +21,16 @@ __all__ = ["record_rig"]
 
 APPLICATION = "stereo-recon calibration"
 TIMELINE = "view"
-BOARD, OUTLINE = (255, 190, 0), (20, 87, 168)
+SIDES = ("left", "right")
+BOARD, OUTLINE, EVERY = (255, 190, 0), (80, 150, 230), (130, 150, 175)
+SIDE_COLOURS = ((80, 150, 230), (230, 120, 60))
 QUALITY = 80
 
 
 def record_rig(
     path: str | os.PathLike[str],
     estimate: RigEstimate,
+    quality: Quality,
     views: tuple[BoardView, ...],
     pictures: tuple[tuple[Image, Image], ...],
 ) -> None:
@@ -35,56 +39,109 @@ def record_rig(
     Args:
         path: the .rrd file; it appears whole or not at all.
         estimate: the rig.
+        quality: how good it is.
         views: all that were looked at.
         pictures: of each view, left and right; smaller copies will do.
     """
     recording = rr.RecordingStream(APPLICATION, recording_id=uuid.uuid4())
     with atomic(path) as partial:
         recording.save(partial, default_blueprint=_blueprint(estimate))
-        _record(recording, estimate, views, pictures)
+        scale = pictures[0][0].shape[1] / estimate.calibration.left.size[0]
+        _record_rig(recording, estimate, quality, scale)
+        for number, (view, pair) in enumerate(zip(views, pictures, strict=True)):
+            recording.set_time(TIMELINE, sequence=number)
+            _record_view(recording, estimate, view, pair, scale)
         recording.flush()
         recording.disconnect()
 
 
-def _record(
-    recording: rr.RecordingStream,
-    estimate: RigEstimate,
-    views: tuple[BoardView, ...],
-    pictures: tuple[tuple[Image, Image], ...],
+def _record_rig(
+    recording: rr.RecordingStream, estimate: RigEstimate, quality: Quality, scale: float
 ) -> None:
+    """Record what does not change: cameras, all boards, all corners and the summary."""
     rig = estimate.calibration
     recording.log("/", rr.ViewCoordinates.RDF, static=True)
     left_from_right = rig.right_from_left.inverse()
     right = rr.Transform3D(translation=left_from_right.t, mat3x3=left_from_right.R)
     recording.log("world/right", right, static=True)
-    scale = pictures[0][0].shape[1] / rig.left.size[0]
-    for side, camera in (("left", rig.left), ("right", rig.right)):
+    for index, (side, camera) in enumerate(zip(SIDES, (rig.left, rig.right), strict=True)):
         recording.log(f"world/{side}", _pinhole(camera, scale, rig.baseline_m), static=True)
-    places = {name: place for place, name in enumerate(estimate.names)}
-    for number, (view, pair) in enumerate(zip(views, pictures, strict=True)):
-        recording.set_time(TIMELINE, sequence=number)
-        recording.log("name", rr.TextDocument(view.name))
-        for side, picture, corners in zip(
-            ("left", "right"), pair, (view.left, view.right), strict=True
-        ):
-            image = rr.Image(picture).compress(jpeg_quality=QUALITY)
-            recording.log(f"world/{side}", image)
-            pixels = np.zeros((0, 2)) if corners is None else (corners.pixels + 0.5) * scale
-            recording.log(f"world/{side}/corners", rr.Points2D(pixels, colors=BOARD, radii=2))
-        if view.name in places:
-            place = places[view.name]
-            _record_board(recording, estimate.board.points, estimate.board_poses[place])
-        else:
-            recording.log("world/board", rr.Clear(recursive=True))
+        seen = np.concatenate([s.pixels for s in estimate.sightings if s.camera == index])
+        points = rr.Points2D((seen + 0.5) * scale, colors=EVERY, radii=rr.Radius.ui_points(1.5))
+        recording.log(f"world/{side}/every_view", points, static=True)
+        line = rr.SeriesLines(colors=SIDE_COLOURS[index], names=side, widths=2)
+        recording.log(f"rms/{side}", line, static=True)
+    outlines = [pose.apply(_outline(estimate.board.points)) for pose in estimate.board_poses]
+    every = rr.LineStrips3D(outlines, colors=EVERY, radii=rr.Radius.ui_points(0.5))
+    recording.log("world/boards", every, static=True)
+    recording.log("summary", _markdown(_summary(estimate, quality)), static=True)
+
+
+def _record_view(
+    recording: rr.RecordingStream,
+    estimate: RigEstimate,
+    view: BoardView,
+    pair: tuple[Image, Image],
+    scale: float,
+) -> None:
+    """Record both photographs of a view, what was found in them, and where the board was."""
+    for side, picture, corners in zip(SIDES, pair, (view.left, view.right), strict=True):
+        recording.log(f"world/{side}", rr.Image(picture).compress(jpeg_quality=QUALITY))
+        pixels = np.zeros((0, 2)) if corners is None else (corners.pixels + 0.5) * scale
+        radius = rr.Radius.ui_points(2.5)
+        recording.log(f"world/{side}/corners", rr.Points2D(pixels, colors=BOARD, radii=radius))
+    if view.name not in estimate.names:
+        reason = next(out.reason for out in estimate.left_out if out.name == view.name)
+        recording.log("view", _markdown(f"**{view.name}** left out: {reason}"))
+        recording.log("world/board", rr.Clear(recursive=True))
+        return
+    place = estimate.names.index(view.name)
+    words = [f"**{view.name}**"]
+    for index, side in enumerate(SIDES):
+        if errors := estimate.errors(camera=index, view=place):
+            recording.log(f"rms/{side}", rr.Scalars(rms(errors)))
+            words.append(f"{side} {rms(errors):.3f} px RMS")
+    recording.log("view", _markdown(", ".join(words)))
+    _record_board(recording, estimate.board.points, estimate.board_poses[place])
+
+
+def _summary(estimate: RigEstimate, quality: Quality) -> str:
+    """Return the figures that matter, in Markdown."""
+    rig, sure = estimate.calibration, quality.uncertainty
+    mean, most = quality.vertical_px
+    findings = [f"- ({f.grade}) {f.what}: {f.advice}" for f in quality.findings]
+    return "\n\n".join(
+        [
+            f"# Grade {quality.grade}",
+            f"{len(estimate.names)} views of a {estimate.board.name}; {len(estimate.left_out)} "
+            "were left out.",
+            f"Corners lie **{quality.rms_px:.3f} px** from their projections (RMS), rows differ by "
+            f"**{mean:.3f} px** (95 % by less than {most:.3f} px).",
+            f"Baseline **{rig.baseline_m * 1000:.2f} ± {sure.baseline_m * 1000:.2f} mm**, focal "
+            f"lengths {rig.left.K[0, 0]:.1f} and {rig.right.K[0, 0]:.1f} px "
+            f"± {max(sure.focal):.2%}.",
+            *(findings or ["Nothing to complain of."]),
+        ]
+    )
+
+
+def _markdown(text: str) -> rr.TextDocument:
+    return rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN)
 
 
 def _record_board(recording: rr.RecordingStream, points: Array, pose: Pose) -> None:
-    (x, y), (right, bottom) = points[:, :2].min(0), points[:, :2].max(0)
-    corners = np.array([[x, y, 0], [right, y, 0], [right, bottom, 0], [x, bottom, 0], [x, y, 0]])
     radius = rr.Radius.ui_points(2)
     recording.log("world/board", rr.Points3D(pose.apply(points), colors=BOARD, radii=radius))
-    outline = rr.LineStrips3D([pose.apply(corners)], colors=OUTLINE, radii=rr.Radius.ui_points(1))
+    outline = rr.LineStrips3D(
+        [pose.apply(_outline(points))], colors=OUTLINE, radii=rr.Radius.ui_points(1)
+    )
     recording.log("world/board/outline", outline)
+
+
+def _outline(points: Array) -> Array:
+    """Return the closed outline (5, 3) of the points of a board."""
+    (x, y), (right, bottom) = points[:, :2].min(0), points[:, :2].max(0)
+    return np.array([[x, y, 0], [right, y, 0], [right, bottom, 0], [x, bottom, 0], [x, y, 0]])
 
 
 def _pinhole(camera: Camera, scale: float, plane_m: float) -> rr.Pinhole:
@@ -107,17 +164,27 @@ def _blueprint(estimate: RigEstimate) -> rrb.Blueprint:
         look_target=(0.0, 0.0, 0.5 * distance),
         eye_up=(0.0, -1.0, 0.0),
     )
+    photographs = rrb.Horizontal(
+        *(rrb.Spatial2DView(origin=f"world/{side}", name=side) for side in SIDES)
+    )
     return rrb.Blueprint(
         rrb.Horizontal(
-            rrb.Spatial3DView(origin="/", contents="world/**", name="rig", eye_controls=eye),
-            rrb.Vertical(
-                rrb.Spatial2DView(origin="world/left", contents="world/left/**", name="left"),
-                rrb.Spatial2DView(origin="world/right", contents="world/right/**", name="right"),
-                rrb.TextDocumentView(origin="name", name="view"),
-                row_shares=[4, 4, 1],
+            rrb.Spatial3DView(
+                origin="/",
+                contents=["world/**", "- world/left/every_view", "- world/right/every_view"],
+                name="cameras and boards",
+                eye_controls=eye,
             ),
-            column_shares=[3, 2],
+            rrb.Vertical(
+                photographs,
+                rrb.TextDocumentView(origin="view", name="this view"),
+                rrb.TimeSeriesView(origin="rms", name="RMS of each view, px"),
+                rrb.TextDocumentView(origin="summary", name="is it good?"),
+                row_shares=[5, 1, 3, 4],
+            ),
+            column_shares=[1, 1],
         ),
+        rrb.TimePanel(state="collapsed", timeline=TIMELINE),
         rrb.SelectionPanel(state="collapsed"),
         rrb.BlueprintPanel(state="collapsed"),
     )
