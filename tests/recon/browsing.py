@@ -2,10 +2,12 @@
 
 import base64
 import contextlib
+import fcntl
 import json
 import os
 import shutil
 import subprocess
+import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
@@ -26,6 +28,16 @@ SWITCHES = (
     "--hide-scrollbars",
     "--remote-debugging-pipe",
 )
+
+
+WITH_PIPES = """
+import os, sys
+there, here = map(int, sys.argv[1:3])
+os.dup2(there, 3)
+os.dup2(here, 4)
+os.execv(sys.argv[3], sys.argv[3:])
+"""
+"""Become the browser, which hears on descriptor 3 and answers on 4."""
 
 
 def chromium() -> str | None:
@@ -85,18 +97,26 @@ class Tab:
         return shown
 
 
+def _pipe() -> list[int]:
+    """Return the ends of a pipe, out of the way of 3 and 4, which the browser listens to."""
+    ends = os.pipe()
+    moved = [fcntl.fcntl(end, fcntl.F_DUPFD_CLOEXEC, 10) for end in ends]
+    for end in ends:
+        os.close(end)
+    return moved
+
+
 @contextlib.contextmanager
 def page(url: str, *, size: tuple[int, int] = (1000, 700)) -> Iterator[Tab]:
     """Open a page in a browser of its own."""
-    there, send = os.pipe()
-    receive, here = os.pipe()
+    (there, send), (receive, here) = _pipe(), _pipe()
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as profile:
         command = [
             *(chromium(), *SWITCHES, f"--window-size={size[0]},{size[1]}"),
             f"--user-data-dir={profile}",
         ]
         browser = subprocess.Popen(
-            ["sh", "-c", f'exec "$@" 3<&{there} 4>&{here}', "sh", *command],
+            [sys.executable, "-c", WITH_PIPES, str(there), str(here), *command],
             pass_fds=(there, here),
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,

@@ -86,7 +86,7 @@ def all_stages(pair, count=16):
         ),
         depth_map(disparity, pair.geometry),
         Triangulation()(disparity, pair),
-        Meshing()(disparity, pair),
+        Meshing(decimation_sigma=0)(disparity, pair),
         {"matching_cost": 0.123456},
     )
     return dict(zip(STAGES, results, strict=True))
@@ -311,7 +311,7 @@ def test_what_is_thinned_is_said_in_the_summary(tmp_path):
     with RerunObserver(save=tmp_path / "a.rrd", limits=limits) as observe:
         observe("input/rectified", pair)
         observe("cloud", Triangulation()(disparity, pair))
-        observe("mesh", Meshing()(disparity, pair))
+        observe("mesh", Meshing(decimation_sigma=0)(disparity, pair))
         observe("run", {"metric sanity": "f 70 px, baseline 0.2 m", "units": "metres"})
 
     said = logged(tmp_path / "a.rrd", "/summary")[-1]["TextDocument:text"][0]
