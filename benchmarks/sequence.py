@@ -86,12 +86,8 @@ def draw(out: Path) -> None:
     import trimesh
 
     mesh = trimesh.load(out / "mesh.glb", force="mesh", process=False)
-    vertices = np.asarray(mesh.vertices) * [1, -1, -1]  # back to x right, y down, z forward
-    linear = mesh.visual.vertex_attributes["color"][:, :3] / 65535.0
-    colours = 255 * np.where(
-        linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055
-    )
-    caster = Caster(vertices, np.asarray(mesh.faces), colours)
+    cloud = read_ply(out / "cloud.ply")  # the vertices of the mesh, in the frame of the poses
+    caster = Caster(cloud.points, np.asarray(mesh.faces), cloud.colours.astype(np.float64))
     middle = np.array([0.0, -2.5, 28.0])
     write_image(out / "side.jpg", caster.picture(middle, [1, 0, 0], [0, -1, 0], 64, (1400, 300)))
     write_image(out / "top.jpg", caster.picture(middle, [0, 1, 0], [-1, 0, 0], 64, (1400, 560)))
