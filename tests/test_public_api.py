@@ -19,16 +19,10 @@ PUBLIC = {
         rectify_and_check""",
     "recon.aggregation": """AGGREGATIONS Aggregation BilateralAggregation BoxAggregation
         NoAggregation""",
-<<<<<<< HEAD
     "recon.files": """CLOUD_FORMATS atomic image_size read_cloud read_depth read_image
         read_image_pair read_pfm read_ply read_side_by_side write_cloud write_depth_png
         write_disparity_png write_glb write_image write_json write_pfm write_ply
         write_status_png""",
-=======
-    "recon.files": """atomic image_size read_depth read_image read_image_pair read_pfm read_ply
-        read_side_by_side write_depth_png write_disparity_png write_glb write_image write_json
-        write_pfm write_ply write_status_png""",
->>>>>>> bf4d451 (Tell fused surfaces from the truth: a walk through a generated scene, a benchmark, and voxels half as large)
     "recon.fusion": """DepthNoise DepthView FusedSurface Fusion KINECT_NOISE Volume
         open3d_or_explain stereo_noise""",
     "recon.sequence": """DepthSource FrameOnDisk FusedFrame FusedSequence RgbdSource
