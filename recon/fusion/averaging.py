@@ -23,6 +23,7 @@ __all__ = ["Fusion", "Volume", "open3d_or_explain"]
 BLOCK = 8  # voxels along a side
 FIRST_BLOCKS = 1024
 GROWTH = 1.5
+FARTHEST = 2.0
 LEAST_WEIGHT = 1e-30
 UP = np.array([0, -1, 0], np.float32)
 
@@ -42,7 +43,8 @@ class Fusion:
         smallest_piece_m2: connected pieces of less area are left out; None means those smaller than
             a square of 20 voxels.
         max_depth_m: farther depths make no surface; None means where their standard deviation
-            reaches the truncation.
+            reaches twice the truncation: what is stated for stereo, half a pixel, is about four
+            times what good matches have.
 
     Raises:
         ValueError: if a setting is out of range.
@@ -85,7 +87,7 @@ class Fusion:
         """Return the greatest depth that makes a surface."""
         if self.max_depth_m is not None:
             return self.max_depth_m
-        return noise.depth_with(self.truncation_m)
+        return noise.depth_with(FARTHEST * self.truncation_m)
 
     def for_views(self, count: int) -> Fusion:
         """Return settings that `count` views can meet."""
@@ -267,7 +269,7 @@ def _unit(normals: Array) -> Array:
     length = np.linalg.norm(normals, axis=1, keepdims=True)
     told = np.isfinite(length) & (length > 0)
     unit: Array = np.divide(normals, length, where=told, out=np.tile(UP, (len(normals), 1)))
-    return unit.astype(np.float32, copy=False)
+    return unit.astype(np.float32)
 
 
 def open3d_or_explain() -> Any:  # noqa: ANN401  untyped

@@ -30,7 +30,7 @@ class KeptFrames:
         if not path.is_file():
             return None
         try:
-            with np.load(path, allow_pickle=False) as arrays:
+            with path.open("rb") as file, np.load(file, allow_pickle=False) as arrays:
                 return SeenFrame(arrays["depth"], arrays["trust"], arrays["image"])
         except (OSError, ValueError, KeyError, zipfile.BadZipFile):
             return None

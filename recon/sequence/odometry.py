@@ -105,17 +105,20 @@ def _step(before: DepthView, after: DepthView, guess: Pose) -> Step:
     far = float(max(np.nanmax(depth, initial=0.0) for depth in depths))
     sigma = float(np.nanmedian(after.noise.sigma_m(depths[1]))) if far else 1.0
     truncation = OUTLIER_SIGMAS * sigma
-    found = odometry.rgbd_odometry_multi_scale(
-        _rgbd(o3d, after.image, depths[1]),
-        _rgbd(o3d, before.image, depths[0]),
-        o3d.core.Tensor(after.K),
-        o3d.core.Tensor(_matrix(guess)),
-        1.0,
-        far + 1.0,
-        [odometry.OdometryConvergenceCriteria(count) for count in ITERATIONS],
-        odometry.Method.Hybrid,
-        odometry.OdometryLossParams(truncation, HUBER_SHARE * truncation, 0.1),
-    )
+    try:
+        found = odometry.rgbd_odometry_multi_scale(
+            _rgbd(o3d, after.image, depths[1]),
+            _rgbd(o3d, before.image, depths[0]),
+            o3d.core.Tensor(after.K),
+            o3d.core.Tensor(_matrix(guess)),
+            1.0,
+            far + 1.0,
+            [odometry.OdometryConvergenceCriteria(count) for count in ITERATIONS],
+            odometry.Method.Hybrid,
+            odometry.OdometryLossParams(truncation, HUBER_SHARE * truncation, 0.1),
+        )
+    except RuntimeError:  # of too few pixels that agree: a singular system
+        return Step(Pose.identity(), 0.0, float("nan"))
     matrix = found.transformation.numpy()
     fitness, rmse = float(found.fitness), float(found.inlier_rmse)
     if not np.isfinite(matrix).all():

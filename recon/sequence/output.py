@@ -73,12 +73,12 @@ def as_cloud(surface: FusedSurface) -> PointCloud:
 
 
 def as_mesh(surface: FusedSurface) -> Mesh:
-    """Return a surface with colours at its vertices; its texture is one grey pixel."""
+    """Return a surface with colours at its vertices and no texture."""
     return Mesh(
         vertices=surface.vertices,
         faces=surface.faces,
-        uv=np.full((len(surface.vertices), 2), 0.5, np.float32),
-        texture=np.full((1, 1, 3), 128, np.uint8),
+        uv=None,
+        texture=None,
         colours=surface.colours,
         normals=surface.normals,
     )

@@ -45,15 +45,18 @@ def sight_of(source: DepthSource, kept: KeptFrames | None) -> Sight:
         kept: where they are kept, if that takes long; nowhere if not given.
     """
 
+    of_this_run: set[str] = set()
+
     def sight(frame: FrameOnDisk) -> tuple[SeenFrame, bool]:
         if kept is None or not source.is_slow:
             return source.see(frame), False
         fingerprint = source.fingerprint(frame)
         earlier = kept.get(fingerprint)
         if earlier is not None:
-            return earlier, True
+            return earlier, fingerprint not in of_this_run
         seen = source.see(frame)
         kept.put(fingerprint, seen)
+        of_this_run.add(fingerprint)
         return seen, False
 
     return sight

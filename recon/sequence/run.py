@@ -20,7 +20,7 @@ from recon.sequence.sources import DepthSource
 
 __all__ = ["FusedFrame", "FusedSequence", "SequenceSettings", "fuse_sequence"]
 
-VOXELS_PER_SIGMA = 2.0
+VOXELS_PER_SIGMA = 4.0
 SHORTEST_LOOP = 3
 
 
@@ -29,10 +29,11 @@ class SequenceSettings:
     """How a sequence is fused; see `recon.fusion.Fusion`. What is None is chosen from the data.
 
     Attributes:
-        voxel_m: side of a voxel; None takes the width of a pixel at the median depth, or half the
-            standard deviation of that depth if that is more, as finer ones would hold noise.
+        voxel_m: side of a voxel; None takes the width of a pixel at the median depth, or a
+            quarter of the standard deviation of that depth if that is more, as finer ones would
+            hold noise.
         max_depth_m: depths beyond make no surface; None means where their standard deviation
-            reaches the truncation.
+            reaches twice the truncation.
         min_trust: depths less likely to be right are left out.
         min_views: fewest views that must see a surface.
         truncation_voxels: how far around a surface it counts.

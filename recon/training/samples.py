@@ -17,6 +17,7 @@ from recon.files import write_image
 from recon.training.composition import (
     Coat,
     Place,
+    Scene,
     Thing,
     View,
     assemble,
@@ -26,7 +27,7 @@ from recon.training.composition import (
 from recon.training.scenes import StereoSample, render
 from recon.training.textures import noise_table
 
-__all__ = ["STILL_LIFES", "draw_still_life", "main"]
+__all__ = ["STILL_LIFES", "draw_still_life", "main", "still_life_scene"]
 
 X, Y, Z = torch.eye(3)
 LEVEL = torch.eye(3)
@@ -172,6 +173,11 @@ def draw_still_life(name: str, *, samples: int = 3) -> StereoSample:
         name: of the table.
         samples: see `render`.
     """
+    return render(still_life_scene(name), VIEW, samples=samples)
+
+
+def still_life_scene(name: str) -> Scene:
+    """Return one of `STILL_LIFES` as a scene, in the frame of its left camera."""
     pitch = rotation_about(X, PITCH)
     things = [
         replace(thing, centre=turned(pitch, thing.centre), rotation=pitch @ thing.rotation)
@@ -179,8 +185,7 @@ def draw_still_life(name: str, *, samples: int = 3) -> StereoSample:
     ]
     to_light = pitch @ torch.tensor([0.45, -1.0, -0.55])
     table = noise_table(torch.Generator().manual_seed(1))
-    scene = assemble(things, table, to_light / to_light.norm(), shadows=True)
-    return render(scene, VIEW, samples=samples)
+    return assemble(things, table, to_light / to_light.norm(), shadows=True)
 
 
 def _write(folder: Path, sample: StereoSample) -> None:

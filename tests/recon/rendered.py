@@ -10,7 +10,7 @@ from calib import RectifiedGeometry, write_calibration
 from calib.formats import CalibrationRecord
 from calib.pair import RectifiedPair
 from recon.files import write_image
-from recon.training.composition import Coat, Thing, View, assemble, rotation_about
+from recon.training.composition import Coat, Scene, Thing, View, assemble, rotation_about
 from recon.training.scenes import StereoSample, render
 from recon.training.textures import noise_table
 
@@ -73,6 +73,11 @@ def still_life() -> Rendered:
 
 def still_life_sample(samples: int) -> StereoSample:
     """Draw the still life with `samples` x `samples` rays a pixel."""
+    return render(still_life_scene(), VIEW, samples=samples)
+
+
+def still_life_scene() -> Scene:
+    """The still life, in the frame of its left camera."""
     axes = torch.eye(3)
     wall = rotation_about(axes[1], 0.35)
     box = rotation_about(axes[0], 0.5) @ rotation_about(axes[1], 0.6)
@@ -83,8 +88,7 @@ def still_life_sample(samples: int) -> StereoSample:
     ]
     table = noise_table(torch.Generator().manual_seed(3))
     light = torch.tensor([0.3, -1.0, -0.6])
-    scene = assemble(things, table, light / light.norm(), shadows=True)
-    return render(scene, VIEW, samples=samples)
+    return assemble(things, table, light / light.norm(), shadows=True)
 
 
 def coat(frequency, offset):
