@@ -44,7 +44,6 @@ def sight_of(source: DepthSource, kept: KeptFrames | None) -> Sight:
         source: of the depths.
         kept: where they are kept, if that takes long; nowhere if not given.
     """
-
     of_this_run: set[str] = set()
 
     def sight(frame: FrameOnDisk) -> tuple[SeenFrame, bool]:
