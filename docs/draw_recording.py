@@ -16,8 +16,6 @@ sys.path.append(str(Path(__file__).parents[1] / "tests" / "recon"))
 from browsing import page
 
 SIZE = (1500, 1040)
-COST_CURVES = (1000, 0.525)
-"""Where the tab is: column in pixels, row as a share of the height."""
 
 
 def seen(picture: np.ndarray) -> bool:
@@ -27,12 +25,11 @@ def seen(picture: np.ndarray) -> bool:
 
 
 def main(folder: Path) -> None:
-    """Open the recording of a reconstruction, show the cost curves, and take the picture."""
+    """Open the recording of a reconstruction and take a picture of it."""
     served = serve_recording(folder / "recording.rrd", open_browser=False)
     with page(f"{served.url}&renderer=webgl&theme=light", size=SIZE) as tab:
-        shown = tab.picture_when(seen, within_s=600)
-        tab.click(COST_CURVES[0], COST_CURVES[1] * len(shown))
-        time.sleep(20)
+        tab.picture_when(seen, within_s=600)
+        time.sleep(20)  # until the last stages are drawn too
         shown = tab.picture()
     path = Path(__file__).with_name("recording.jpg")
     cv2.imwrite(str(path), shown[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, 85])

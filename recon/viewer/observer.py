@@ -33,6 +33,8 @@ RESULT = "depth"
 """The stage after which the disparities change no more."""
 
 REPORT = "run"
+UNKNOWN = (0.0, 0.0, 3.0)
+"""Where the eye looks while nothing is in space, metres."""
 
 
 class RerunObserver:
@@ -79,7 +81,7 @@ class RerunObserver:
         self._live = show != "nothing"
         self._open = self._live or save is not None
         self._drawn: dict[str, type] = {}
-        self._focus = (0.0, 0.0, 3.0)
+        self._focus = UNKNOWN
         self._since = time.perf_counter()
         self._ends: list[float] = []
         self._size: tuple[int, int] | None = None
@@ -211,7 +213,10 @@ class RerunObserver:
     def _note(self, stage: str, result: object) -> None:
         """Remember what a person should know of a result."""
         self._notes += [f"{stage}: {note}" for note in left_out(result, self._limits)]
-        self._focus = _middle(result) or self._focus
+        if isinstance(result, PointCloud) and len(result):
+            self._focus = _middle(result.points)
+        elif isinstance(result, Mesh) and len(result.vertices) and self._focus == UNKNOWN:
+            self._focus = _middle(result.vertices)
 
     def _draw_probes(self, step: int) -> None:
         """Choose pixels by the final map, and draw their costs at the stages they are of."""
@@ -276,11 +281,11 @@ class RerunObserver:
         self.close(keep=kind is None)
 
 
-def _middle(result: object) -> tuple[float, float, float] | None:
-    """Return the median place of a cloud or mesh in metres, None of anything else."""
-    places = getattr(result, "points", getattr(result, "vertices", None))
-    if not isinstance(result, PointCloud | Mesh) or places is None or not len(places):
-        return None
+def _middle(places: Array) -> tuple[float, float, float]:
+    """Return the median of places (N, 3) in metres.
+
+    The vertices of a decimated mesh crowd at its edges, so that a cloud is the better judge.
+    """
     x, y, z = (float(value) for value in np.median(places, axis=0))
     return x, y, z
 

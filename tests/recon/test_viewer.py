@@ -21,6 +21,7 @@ from recon.types import CostVolume, DisparityMap, Mesh, PixelStatus, PointCloud
 from recon.viewer import Limits, RerunObserver, archetypes, open_recording, serve_recording
 from recon.viewer.thinning import thinned_image, thinned_mesh, thinned_points
 
+TARGET = "EyeControls3D:look_target"
 STAGES = (
     "settings",
     "input/rectified",
@@ -155,6 +156,26 @@ def test_a_recording_opens_with_an_arrangement_of_its_own(tmp_path):
     assert "3D" in text
     assert "disparity/left" in text
     assert "StateTimeline" in text
+
+
+def test_the_eye_looks_at_the_middle_of_the_cloud(tmp_path):
+    pair = a_pair()
+    disparity = a_disparity_map(pair)
+    cloud = Triangulation()(disparity, pair)
+    mesh = Meshing()(disparity, pair)
+
+    with RerunObserver(save=tmp_path / "a.rrd") as observe:
+        observe("cloud", cloud)
+        observe("mesh", mesh)
+
+    reader = RrdReader(tmp_path / "a.rrd")
+    chunks = reader.store(store=reader.blueprints()[0]).stream().to_chunks()
+    batches = [chunk.to_record_batch() for chunk in chunks]
+    columns = [batch.column(TARGET) for batch in batches if TARGET in batch.schema.names]
+    targets = [row[0] for column in columns for row in column.to_pylist() if row]
+    assert targets
+    for target in targets:
+        np.testing.assert_allclose(target, np.median(cloud.points, axis=0), rtol=1e-5)
 
 
 def test_stages_follow_each_other_on_the_timeline(tmp_path):
