@@ -21,6 +21,7 @@ from recon.sequence.sources import DepthSource
 __all__ = ["FusedFrame", "FusedSequence", "SequenceSettings", "fuse_sequence"]
 
 VOXELS_PER_SIGMA = 4.0
+PIXELS_PER_VOXEL = 1.5
 SHORTEST_LOOP = 3
 
 
@@ -29,7 +30,7 @@ class SequenceSettings:
     """How a sequence is fused; see `recon.fusion.Fusion`. What is None is chosen from the data.
 
     Attributes:
-        voxel_m: side of a voxel; None takes the width of a pixel at the median depth, or a
+        voxel_m: side of a voxel; None takes 1.5 widths of a pixel at the median depth, or a
             quarter of the standard deviation of that depth if that is more, as finer ones would
             hold noise.
         max_depth_m: depths beyond make no surface; None means where their standard deviation
@@ -187,7 +188,7 @@ def _fitting_voxel(views: Sequence[DepthView], min_trust: float) -> float:
         )
     median = float(np.median(depths))
     view = views[0]
-    pixel_m = median / min(view.K[0, 0], view.K[1, 1])
+    pixel_m = PIXELS_PER_VOXEL * median / min(view.K[0, 0], view.K[1, 1])
     sigma_m = float(view.noise.sigma_m(np.float64(median)))
     return _two_digits(max(pixel_m, sigma_m / VOXELS_PER_SIGMA))
 

@@ -190,8 +190,8 @@ def test_the_voxel_follows_the_pixel_or_the_error_whichever_is_larger():
         view = DepthView(depth, np.ones((6, 8), np.float32), image, K, noise, Pose.identity())
         return SequenceSettings().fusion_for([view], 1).voxel_m
 
-    assert voxel(DepthNoise(0.001, 0.0)) == pytest.approx(0.04)
-    assert voxel(DepthNoise(0.2, 0.0)) == pytest.approx(0.05)
+    assert voxel(DepthNoise(0.001, 0.0)) == pytest.approx(0.06)
+    assert voxel(DepthNoise(0.4, 0.0)) == pytest.approx(0.1)
 
 
 @pytest.mark.parametrize(
