@@ -1,6 +1,6 @@
 """How far the meshes of a preset are from the truth, and what decimation costs.
 
-python benchmarks/surfaces.py PRESET... [--pairs 10] [--size 416 256] [--watertight]
+python benchmarks/surfaces.py PRESET... [--pairs 10] [--pool FOLDER] [--watertight]
 
 Pairs are generated with seeds far above those of any training, and taken as two cameras would;
 the still lifes of data/ follow. Prints for every preset what the standard deviation of a MATCHED
@@ -33,9 +33,11 @@ from recon.pairs import read_pair
 from recon.settings import Preset, load_preset
 from recon.training.augmentation import Augmentation
 from recon.training.pool import draw_pair
+from recon.training.pool import read_pair as pooled
 from recon.types import Array, DisparityMap, Mesh, PixelStatus
 
 FIRST_SEED = 20_000_000
+SIZE = (416, 256)
 DATA = Path(__file__).parent.parent / "data"
 SIGMAS = (0.25, 0.5, 1.0, 2.0)
 BASELINE_M = 0.1
@@ -58,9 +60,11 @@ class Known:
     disparities: range
 
 
-def generated(seed: int, size: tuple[int, int]) -> Known:
-    """Draw the pair of one seed, and take it with two cameras."""
-    drawn = draw_pair(seed, size)
+def generated(seed: int, pool: Path | None) -> Known:
+    """Draw the pair of one seed, or read it from a pool, and take it with two cameras."""
+    drawn = draw_pair(FIRST_SEED + seed, SIZE) if pool is None else pooled(pool, seed)
+    height, width = drawn["disparity"].shape
+    size = width, height
     views = [
         torch.from_numpy(drawn[side]).permute(2, 0, 1)[None] / 255 for side in ("left", "right")
     ]
@@ -139,11 +143,11 @@ def main() -> None:
     )
     parser.add_argument("presets", nargs="+")
     parser.add_argument("--pairs", type=int, default=10)
-    parser.add_argument("--size", type=int, nargs=2, default=(416, 256))
+    parser.add_argument("--pool", type=Path, help="of drawn pairs, in place of drawing")
     parser.add_argument("--sigma-px", type=float, help="in place of the preset's")
     parser.add_argument("--watertight", action="store_true")
     options = parser.parse_args()
-    scenes = [generated(FIRST_SEED + n, tuple(options.size)) for n in range(options.pairs)]
+    scenes = [generated(number, options.pool) for number in range(options.pairs)]
     scenes += [still_life(DATA / name) for name in ("workshop", "reading_corner")]
     for name in options.presets:
         preset = load_preset(name)
@@ -170,7 +174,7 @@ def measure(name: str, preset: Preset, scenes: list[Known], *, watertight: bool)
             mesh = mesh_it()
             seconds = time.process_time() - start
             found = surface_measures(mesh, known.truth, sigma_px)
-            missed = np.isnan(first_hits(mesh, known.pair.geometry))
+            missed = np.isnan(first_hits(mesh, known.pair.geometry)[..., 2])
             if open_in_full is None:
                 open_in_full, faces = missed, len(mesh.faces)
             beyond = float((open_in_full & ~missed).mean())

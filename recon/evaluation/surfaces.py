@@ -16,6 +16,7 @@ __all__ = ["SurfaceMeasures", "TrueSurface", "first_hits", "surface_measures"]
 
 COMPLETE_SIGMA = 3.0
 TRUE_EDGE_PX = 1.0
+BESIDE_PX = (0.2, 0.3)
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +57,7 @@ class SurfaceMeasures:
 def surface_measures(mesh: Mesh, truth: TrueSurface, sigma_px: float) -> SurfaceMeasures:
     """Compare a mesh with the true surface, both ways.
 
-    From the mesh: every ray through the middle of a pixel that meets it asks, at the first
+    From the mesh: every ray through a pixel that meets it asks, at the first
     meeting, how near the nearest point of the true surface is. From the truth: every pixel that
     both cameras see asks for the nearest point of the mesh. Rays ask in place of even areas, so
     that near and far things count by what is seen of them.
@@ -78,9 +79,9 @@ def surface_measures(mesh: Mesh, truth: TrueSurface, sigma_px: float) -> Surface
     whole = positions(depth, used, truth.geometry), numbers[faces]
 
     hits = first_hits(mesh, truth.geometry)
-    met = np.isfinite(hits)
-    off = _distances(positions(hits, met, truth.geometry), *whole)
-    sigma = depth_sigma(hits[met], truth.geometry, sigma_px)
+    met = np.isfinite(hits[..., 2])
+    off = _distances(hits[met], *whole)
+    sigma = depth_sigma(hits[met][:, 2], truth.geometry, sigma_px)
     seen = truth.visible & used
     missed = _distances(positions(depth, seen, truth.geometry), mesh.vertices, mesh.faces)
     allowed = COMPLETE_SIGMA * depth_sigma(depth[seen], truth.geometry, sigma_px)
@@ -94,14 +95,24 @@ def surface_measures(mesh: Mesh, truth: TrueSurface, sigma_px: float) -> Surface
 
 
 def first_hits(mesh: Mesh, geometry: RectifiedGeometry) -> Array:
-    """Return the depth (H, W) in metres at which the ray of each pixel meets a mesh; NaN if not."""
+    """Return where the ray of each pixel first meets a mesh.
+
+    The rays go `BESIDE_PX` (down, right) beside the middles: those are vertices of our meshes, and
+    whether a ray meets a vertex, or an edge, is decided by rounding.
+
+    Returns:
+        (H, W, 3) float32 metres; NaN where it does not.
+    """
     (width, height), (cx, cy) = geometry.size, geometry.centre_left
     y, x = np.mgrid[:height, :width].astype(np.float32)
+    y, x = y + np.float32(BESIDE_PX[0]), x + np.float32(BESIDE_PX[1])
     towards = [(x - cx) / geometry.focal_px, (y - cy) / geometry.focal_px, np.ones_like(x)]
     rays = np.stack([np.zeros_like(x)] * 3 + towards, axis=-1).astype(np.float32)
     core, scene = _scene(mesh.vertices, mesh.faces)
     along: Array = scene.cast_rays(core.Tensor(rays))["t_hit"].numpy()
-    return np.where(np.isfinite(along), along, np.float32(np.nan))
+    along = np.where(np.isfinite(along), along, np.float32(np.nan))
+    hits: Array = along[..., None] * rays[..., 3:]
+    return hits
 
 
 def _distances(points: Array, vertices: Array, faces: Array) -> Array:

@@ -8,10 +8,10 @@ import numpy as np
 
 from calib.pair import RectifiedPair
 from recon.kernels.simplification import simplified
-from recon.kernels.vertex_normals import vertex_normals
 from recon.meshing.grid import grid_faces
 from recon.meshing.pieces import without_fragments
 from recon.meshing.watertight import Watertight
+from recon.normals import surface_normals
 from recon.triangulation import Triangulation, depth_map, positions
 from recon.types import Array, DisparityMap, Mesh
 
@@ -50,7 +50,7 @@ class Meshing:
     min_component_faces: int = 50
     decimation_sigma: float = 0.5
     watertight: bool = False
-    watertight_depth: int = 9
+    watertight_depth: int = 8
     watertight_reach_px: float = 12.0
 
     def __post_init__(self) -> None:
@@ -97,10 +97,13 @@ class Meshing:
 
         faces = grid_faces(disparity.values, kept, depth_edge_px=self.points.depth_edge_px)
         faces = without_fragments(faces, kept.size, self.min_component_faces)
+        on_surfaces = np.where(kept, disparity.values, np.float32(np.nan))
+        normals = surface_normals(
+            on_surfaces, pair.geometry, depth_edge_px=self.points.depth_edge_px
+        )
         if self.watertight:
-            whole = _mesh_of(faces, depth, pair)
             close = Watertight(self.watertight_depth, self.watertight_reach_px)
-            return close(whole, pair.geometry.focal_px)
+            return close(_mesh_of(faces, depth, normals, pair), pair.geometry.focal_px)
         if self.decimates:
             faces = simplified(
                 disparity.values - np.float32(pair.geometry.disparity_at_infinity),
@@ -109,23 +112,26 @@ class Meshing:
                 border=BORDER_PX,
                 shift=SHIFT_PX,
             )
-        return _mesh_of(faces, depth, pair)
+        return _mesh_of(faces, depth, normals, pair)
 
 
-def _mesh_of(faces: Array, depth: Array, pair: RectifiedPair) -> Mesh:
-    """Place the pixels that faces use, (F, 3) indices in row order, in space."""
+def _mesh_of(faces: Array, depth: Array, normals: Array, pair: RectifiedPair) -> Mesh:
+    """Place the pixels that faces use, (F, 3) indices in row order, in space.
+
+    The normals (H, W, 3) are those of the cloud: planes through windows that end at depth edges.
+    The triangles themselves are no larger than their noise.
+    """
     used = np.zeros(depth.size, dtype=bool)
     used[faces.ravel()] = True
     numbers = np.cumsum(used, dtype=np.int32) - 1
     pixels = used.reshape(depth.shape)
-    vertices, numbered = positions(depth, pixels, pair.geometry), numbers[faces]
     return Mesh(
-        vertices=vertices,
-        faces=numbered,
+        vertices=positions(depth, pixels, pair.geometry),
+        faces=numbers[faces],
         uv=_texture_coordinates(pixels),
         texture=pair.left,
         colours=pair.left[pixels],
-        normals=vertex_normals(vertices, numbered),
+        normals=normals[pixels],
     )
 
 

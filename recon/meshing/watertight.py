@@ -7,14 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from recon.kernels.vertex_normals import vertex_normals
 from recon.types import Array, Mesh
 
 __all__ = ["Watertight"]
 
 DEEPEST = 12
-SMOOTHINGS = 8
-"""Rounds of averaging normals with their neighbours: one pixel's normal is mostly noise."""
 
 
 @dataclass(frozen=True)
@@ -64,10 +61,11 @@ class Watertight:
             return Mesh(mesh.vertices, mesh.faces, None, None, mesh.colours, mesh.normals)
         open3d = _open3d()
         cloud = open3d.geometry.PointCloud(open3d.utility.Vector3dVector(mesh.vertices))
-        cloud.normals = open3d.utility.Vector3dVector(smoothed_normals(mesh))
+        cloud.normals = open3d.utility.Vector3dVector(mesh.normals)
         surface, _ = open3d.geometry.TriangleMesh.create_from_point_cloud_poisson(
             cloud, depth=self.depth, n_threads=1
         )
+        surface.compute_vertex_normals()
         vertices = np.asarray(surface.vertices).astype(np.float32)
         faces = np.asarray(surface.triangles).astype(np.int32)
         nearest, distance = _nearest(open3d, mesh.vertices, vertices)
@@ -82,23 +80,8 @@ class Watertight:
             uv=None,
             texture=None,
             colours=mesh.colours[nearest[used]],
-            normals=vertex_normals(vertices[used], faces),
+            normals=np.asarray(surface.vertex_normals)[used].astype(np.float32),
         )
-
-
-def smoothed_normals(mesh: Mesh) -> Array:
-    """Return normals (V, 3) float64, averaged with those of the neighbours again and again."""
-    normals = mesh.normals.astype(np.float64)
-    sides = np.concatenate([mesh.faces[:, [0, 1]], mesh.faces[:, [1, 2]], mesh.faces[:, [2, 0]]])
-    for _ in range(SMOOTHINGS):
-        total = normals.copy()
-        for axis in range(3):
-            for one, other in ((0, 1), (1, 0)):
-                total[:, axis] += np.bincount(
-                    sides[:, one], normals[sides[:, other], axis], len(normals)
-                )
-        normals = total / np.maximum(np.linalg.norm(total, axis=1, keepdims=True), 1e-12)
-    return normals
 
 
 def _nearest(open3d: Any, points: Array, asked: Array) -> tuple[Array, Array]:  # noqa: ANN401

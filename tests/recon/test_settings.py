@@ -204,7 +204,7 @@ class TestMistakes:
             ("refinements.0.radius=3", r"unknown setting 'radius' in refinements median; it has "
              r"radius_px$"),
             ("meshing.points=3", r"unknown setting 'points' in meshing; it has "
-             r"min_component_faces, "),
+             r"min_component_faces, decimation_sigma, watertight"),
             ("aggregation.radius_px=big", r"^aggregation box radius_px: .*valid integer.*'big'$"),
             ("aggregation.radius_px=1.5", r"^aggregation box radius_px: .*valid integer.* 1.5$"),
             ("aggregation.radius_px='3'", r"^aggregation box radius_px: .*valid integer.*'3'$"),
