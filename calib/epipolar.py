@@ -212,13 +212,15 @@ def _nearest_both_ways(
 
 
 def _of_one_geometry(matches: Matches, scale: float) -> Matches:
-    """Return the matches that one fundamental matrix explains."""
+    """Return the matches that one fundamental matrix explains, none if there is no such matrix."""
     if len(matches) < LEAST_MATCHES:
         return Matches(np.zeros((0, 2)), np.zeros((0, 2)))
     tolerance = EPIPOLAR_TOLERANCE_PX / scale
-    _, agrees = cv2.findFundamentalMat(
-        matches.left, matches.right, cv2.USAC_MAGSAC, tolerance, 0.999, EPIPOLAR_TRIES
-    )
+    settings = tolerance, 0.999, EPIPOLAR_TRIES
+    try:
+        _, agrees = cv2.findFundamentalMat(matches.left, matches.right, cv2.USAC_MAGSAC, *settings)
+    except cv2.error:  # an assertion of OpenCV 5, met where all points shift alike: a flat wall
+        _, agrees = cv2.findFundamentalMat(matches.left, matches.right, cv2.FM_RANSAC, *settings)
     kept = np.zeros(len(matches), bool) if agrees is None else agrees.ravel() > 0
     return Matches(matches.left[kept], matches.right[kept])
 

@@ -25,6 +25,19 @@ def moved(image, right=0.0, down=0.0):
 
 
 class TestMatchViews:
+    def test_an_assertion_of_the_library_leaves_the_matches_of_another_search(self, monkeypatch):
+        views = workshop().left, workshop().right
+        usual, search = match_views(*views), cv2.findFundamentalMat
+
+        def failing(left, right, method, *settings):
+            if method == cv2.USAC_MAGSAC:
+                raise cv2.error("(-215:Assertion failed) !model.empty()")
+            return search(left, right, method, *settings)
+
+        monkeypatch.setattr(cv2, "findFundamentalMat", failing)
+
+        assert len(match_views(*views)) > 0.9 * len(usual)
+
     def test_the_rows_of_a_drawn_pair_agree_to_a_tenth_of_a_pixel(self):
         matches = match_views(workshop().left, workshop().right)
 
