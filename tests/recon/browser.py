@@ -12,21 +12,10 @@ from urllib.parse import urlencode
 import cv2
 import numpy as np
 import pytest
+from browsing import SWITCHES, chromium
 
 HERE = Path(__file__).parent.parent / "browser"
-NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 PATIENCE_S = 150
-FLAGS = (
-    "--headless",
-    "--no-sandbox",
-    "--use-angle=swiftshader",
-    "--enable-unsafe-swiftshader",
-    "--disable-quic",
-    "--no-first-run",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--disable-sync",
-)
 
 
 def with_packages(name="three"):
@@ -38,8 +27,7 @@ def with_packages(name="three"):
 
 def a_browser():
     """Return the path of Chromium; the test is skipped without one."""
-    found = next((path for path in map(shutil.which, NAMES) if path), None)
-    return found or pytest.skip("no Chromium on this machine")
+    return chromium() or pytest.skip("no Chromium on this machine")
 
 
 class _Page(SimpleHTTPRequestHandler):
@@ -72,7 +60,7 @@ def drawn_in_a_browser(file, geometry, **view):
         view: `turn` and `down` in radians about the point `middle` metres ahead; `lit` to show
             shapes without their colours.
     """
-    chromium, folder = a_browser(), with_packages()
+    program, folder = a_browser(), with_packages()
     answer = {"done": threading.Event()}
     page = partial(_Page, directory=str(folder), file=file, answer=answer)
     server = ThreadingHTTPServer(("127.0.0.1", 0), page)
@@ -83,7 +71,7 @@ def drawn_in_a_browser(file, geometry, **view):
     profile = tempfile.mkdtemp(prefix="browser-")
     browser = subprocess.Popen(
         [
-            *(chromium, *FLAGS, f"--user-data-dir={profile}"),
+            *(program, *SWITCHES, f"--user-data-dir={profile}"),
             f"http://127.0.0.1:{server.server_port}/view.html?{query}",
         ],
         stdout=subprocess.DEVNULL,

@@ -15,6 +15,7 @@ from collections.abc import Callable, Iterator
 import cv2
 import numpy as np
 
+NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 SWITCHES = (
     "--headless=new",
     "--no-sandbox",
@@ -26,9 +27,8 @@ SWITCHES = (
     "--disable-component-update",
     "--disable-sync",
     "--hide-scrollbars",
-    "--remote-debugging-pipe",
 )
-
+"""Draw without a screen or a graphics card, and connect to nothing that is not asked for."""
 
 WITH_PIPES = """
 import os, sys
@@ -42,7 +42,7 @@ os.execv(sys.argv[3], sys.argv[3:])
 
 def chromium() -> str | None:
     """Return the browser of this machine, None if it has none."""
-    return shutil.which("chromium") or shutil.which("chromium-browser")
+    return next((path for path in map(shutil.which, NAMES) if path), None)
 
 
 class Tab:
@@ -112,7 +112,12 @@ def page(url: str, *, size: tuple[int, int] = (1000, 700)) -> Iterator[Tab]:
     (there, send), (receive, here) = _pipe(), _pipe()
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as profile:
         command = [
-            *(chromium(), *SWITCHES, f"--window-size={size[0]},{size[1]}"),
+            *(
+                chromium(),
+                *SWITCHES,
+                "--remote-debugging-pipe",
+                f"--window-size={size[0]},{size[1]}",
+            ),
             f"--user-data-dir={profile}",
         ]
         browser = subprocess.Popen(
