@@ -26,7 +26,8 @@ from calib import Pose, RectifiedGeometry, write_calibration
 from calib.formats import CalibrationRecord
 from calib.trajectories import Trajectory, write_trajectory
 from recon.files import read_ply, write_image
-from recon.fusion import DepthView, FusedSurface, open3d_or_explain
+from recon.fusion import DepthView, FusedSurface
+from recon.open3d_library import loaded_open3d
 from recon.sequence import StereoSource, find_pairs, fuse_sequence
 from recon.sequence.sources import looked_at_first
 from recon.settings import load_preset
@@ -98,7 +99,7 @@ class Caster:
 
     def __init__(self, vertices: Array, faces: Array, colours: Array) -> None:
         """Take a mesh in metres."""
-        o3d = open3d_or_explain()
+        o3d = loaded_open3d()
         self._tensor, self._faces, self._colours = o3d.core.Tensor, faces, colours
         self._scene = o3d.t.geometry.RaycastingScene()
         self._scene.add_triangles(
@@ -146,7 +147,7 @@ def room(datasets: Path, out: Path) -> None:
 def say_plane(out: Path) -> None:
     """Print how flat the largest plane of a cloud is."""
     cloud = read_ply(out / "cloud.ply")
-    o3d = open3d_or_explain()
+    o3d = loaded_open3d()
     points = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(cloud.points.astype(np.float64)))
     o3d.utility.random.seed(1)
     band = 5 * float(np.median(cloud.depth_sigma_m))
@@ -235,7 +236,7 @@ def generated(out: Path) -> None:
 
 def depth_seen(surface: FusedSurface, view: DepthView, pose: Pose) -> Array:
     """Return the depth (H, W) of a surface in the world as a view sees it from a pose."""
-    o3d = open3d_or_explain()
+    o3d = loaded_open3d()
     scene = o3d.t.geometry.RaycastingScene()
     seen = pose.inverse().apply(surface.vertices.astype(np.float64)).astype(np.float32)
     scene.add_triangles(o3d.core.Tensor(seen), o3d.core.Tensor(surface.faces.astype(np.uint32)))

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from recon.open3d_library import loaded_open3d
 from recon.types import Array, PixelStatus, PointCloud, Removal
 
 __all__ = [
@@ -43,13 +44,7 @@ def uniform_positions(cloud: PointCloud, focal_px: float) -> Array:
 
 def _open3d_cloud(positions: Array) -> Any:  # noqa: ANN401  open3d has no types
     """Return positions as open3d takes them."""
-    try:
-        import open3d
-    except (ImportError, OSError) as error:
-        raise ImportError(
-            f"filters of neighbours need open3d, which does not load: {error}; on Debian "
-            "apt-get install libgl1 libusb-1.0-0 libgomp1"
-        ) from error
+    open3d = loaded_open3d()
     return open3d.geometry.PointCloud(open3d.utility.Vector3dVector(positions))
 
 

@@ -7,10 +7,19 @@ from pathlib import Path
 
 import pytest
 
+from recon.open3d_library import loaded_open3d
+
 ROOT = Path(__file__).parent.parent
 
 ROWS = (
-    ("recon.kernels", "recon.networks", "recon.observer", "calib.pose", "calib.camera"),
+    (
+        "recon.kernels",
+        "recon.networks",
+        "recon.observer",
+        "recon.open3d_library",
+        "calib.pose",
+        "calib.camera",
+    ),
     ("calib.rig", "recon.types", "recon.strips"),
     ("calib.pair", "recon.confidence"),
     (
@@ -281,6 +290,19 @@ def loaded_by(statement, names):
         cwd=ROOT,
     )
     return done.stdout.split()
+
+
+def test_open3d_is_imported_in_one_place_which_says_what_the_system_lacks(monkeypatch):
+    users = {path.name for path in (ROOT / "recon").rglob("*.py") if imports_open3d(path)}
+    assert users == {"open3d_library.py"}
+
+    monkeypatch.setitem(sys.modules, "open3d", None)
+    with pytest.raises(ImportError, match=r"libusb-1\.0-0 libgl1 libegl1 libgomp1"):
+        loaded_open3d()
+
+
+def imports_open3d(path):
+    return "import open3d\n" in path.read_text()
 
 
 def test_the_path_from_pair_to_surfaces_loads_no_viewer_and_no_open3d():

@@ -24,7 +24,7 @@ PUBLIC = {
         write_disparity_png write_glb write_image write_json write_pfm write_ply
         write_status_png""",
     "recon.fusion": """DepthNoise DepthView FusedSurface Fusion KINECT_NOISE Volume
-        open3d_or_explain stereo_noise""",
+        stereo_noise""",
     "recon.sequence": """DepthSource FrameOnDisk FusedFrame FusedSequence RgbdSource
         SequenceSettings StereoSource find_depth_frames find_pairs fuse_sequence poses_of_frames""",
     "recon.matching_cost": """MATCHING_COSTS AbsoluteDifference AdCensus Census LearnedCost

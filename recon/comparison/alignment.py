@@ -6,8 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from recon.comparison.distances import distances_to, loaded_open3d
+from recon.comparison.distances import distances_to
 from recon.comparison.shapes import Shape
+from recon.open3d_library import loaded_open3d
 from recon.types import Array
 
 __all__ = ["Alignment", "aligned"]

@@ -3,27 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from types import ModuleType
 
 import numpy as np
 
 from recon.comparison.shapes import Shape
+from recon.open3d_library import loaded_open3d
 from recon.types import Array
 
-__all__ = ["Direction", "distances_to", "loaded_open3d"]
-
-
-def loaded_open3d() -> ModuleType:
-    """Return open3d, or say what it lacks."""
-    try:
-        import open3d
-    except (ImportError, OSError) as error:
-        raise ImportError(
-            f"comparing needs open3d, which does not load: {error}; on Debian "
-            "apt-get install libgl1 libusb-1.0-0 libgomp1"
-        ) from error
-    module: ModuleType = open3d
-    return module
+__all__ = ["Direction", "distances_to"]
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,6 +9,7 @@ import numpy as np
 
 from calib.rig import RectifiedGeometry
 from recon.meshing import grid_faces
+from recon.open3d_library import loaded_open3d
 from recon.triangulation import depth_map, depth_sigma, positions
 from recon.types import Array, DisparityMap, Mesh, PixelStatus
 
@@ -124,8 +125,7 @@ def _distances(points: Array, vertices: Array, faces: Array) -> Array:
 
 def _scene(vertices: Array, faces: Array) -> tuple[Any, Any]:
     """Return open3d's tensors, and a scene in which rays and distances are found fast."""
-    import open3d
-
+    open3d = loaded_open3d()
     core: Any = open3d.core
     scene = open3d.t.geometry.RaycastingScene()
     scene.add_triangles(

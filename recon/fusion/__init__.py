@@ -1,6 +1,6 @@
 """Many depth maps of one scene, averaged to one surface."""
 
-from recon.fusion.averaging import Fusion, Volume, open3d_or_explain
+from recon.fusion.averaging import Fusion, Volume
 from recon.fusion.surface import FusedSurface
 from recon.fusion.views import KINECT_NOISE, DepthNoise, DepthView, stereo_noise
 
@@ -11,6 +11,5 @@ __all__ = [
     "FusedSurface",
     "Fusion",
     "Volume",
-    "open3d_or_explain",
     "stereo_noise",
 ]

@@ -16,9 +16,10 @@ import numpy as np
 from recon.fusion.surface import EMPTY, FusedSurface, in_canonical_order, without_fragments
 from recon.fusion.views import DepthNoise, DepthView
 from recon.kernels.distance_field import average_in
+from recon.open3d_library import loaded_open3d
 from recon.types import Array
 
-__all__ = ["Fusion", "Volume", "open3d_or_explain"]
+__all__ = ["Fusion", "Volume"]
 
 BLOCK = 8  # voxels along a side
 FIRST_BLOCKS = 1024
@@ -108,7 +109,7 @@ class Volume:
             ImportError: if open3d cannot be loaded.
         """
         self.settings = settings
-        o3d = open3d_or_explain()
+        o3d = loaded_open3d()
         self._tensor = o3d.core.Tensor
         self._grid: Any = o3d.t.geometry.VoxelBlockGrid(
             ("tsdf", "weight", "color", "views"),
@@ -270,15 +271,3 @@ def _unit(normals: Array) -> Array:
     told = np.isfinite(length) & (length > 0)
     unit: Array = np.divide(normals, length, where=told, out=np.tile(UP, (len(normals), 1)))
     return unit.astype(np.float32)
-
-
-def open3d_or_explain() -> Any:  # noqa: ANN401  untyped
-    """Return open3d, or say what the machine lacks."""
-    try:
-        import open3d
-    except (ImportError, OSError) as error:
-        raise ImportError(
-            f"open3d cannot be loaded ({error}); on Debian or Ubuntu: "
-            "apt-get install libusb-1.0-0 libgl1 libegl1 libgomp1"
-        ) from error
-    return open3d

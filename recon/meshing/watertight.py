@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from recon.open3d_library import loaded_open3d
 from recon.types import Array, Mesh
 
 __all__ = ["Watertight"]
@@ -59,7 +60,7 @@ class Watertight:
         """
         if not len(mesh.faces):
             return Mesh(mesh.vertices, mesh.faces, None, None, mesh.colours, mesh.normals)
-        open3d = _open3d()
+        open3d = loaded_open3d()
         cloud = open3d.geometry.PointCloud(open3d.utility.Vector3dVector(mesh.vertices))
         cloud.normals = open3d.utility.Vector3dVector(mesh.normals)
         surface, _ = open3d.geometry.TriangleMesh.create_from_point_cloud_poisson(
@@ -90,15 +91,3 @@ def _nearest(open3d: Any, points: Array, asked: Array) -> tuple[Array, Array]:  
     search.knn_index()
     index, squared = search.knn_search(open3d.core.Tensor(np.ascontiguousarray(asked)), 1)
     return index.numpy().ravel(), np.sqrt(np.maximum(squared.numpy().ravel(), 0))
-
-
-def _open3d() -> Any:  # noqa: ANN401  the library has no types
-    """Import open3d, which is slow and in need of system libraries, where it is used."""
-    try:
-        import open3d
-    except (ImportError, OSError) as error:
-        raise ImportError(
-            f"the watertight surface needs open3d, which does not load: {error}; "
-            "apt-get install libusb-1.0-0 libgl1 libegl1 libgomp1"
-        ) from error
-    return open3d

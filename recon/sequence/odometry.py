@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.pose import Pose, nearest_rotation
-from recon.fusion import DepthView, open3d_or_explain
+from recon.fusion import DepthView
+from recon.open3d_library import loaded_open3d
 from recon.types import Array
 
 __all__ = ["LABEL", "Drift", "Step", "drift_between", "estimated_step"]
@@ -99,7 +100,7 @@ def estimated_step(
 
 
 def _step(before: DepthView, after: DepthView, guess: Pose) -> Step:
-    o3d = open3d_or_explain()
+    o3d = loaded_open3d()
     odometry = o3d.t.pipelines.odometry
     depths = [_within(view) for view in (before, after)]
     far = float(max(np.nanmax(depth, initial=0.0) for depth in depths))
