@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import torch
 
@@ -81,10 +81,7 @@ def reconstruct(
     cloud = preset.triangulation(disparity, pair, kept=kept)
     cloud, of_points = preset.cloud(cloud, focal_px=pair.geometry.focal_px)
     observe("cloud", cloud)
-    mesh = preset.meshing(disparity, pair, kept=kept)
+    mesh, dense_mesh = preset.meshing.with_dense(disparity, pair, kept=kept)
     observe("mesh", mesh)
-    dense_mesh = mesh
-    if preset.meshing.decimates:
-        dense_mesh = replace(preset.meshing, decimation_sigma=0)(disparity, pair, kept=kept)
     removals = of_pixels + of_points
     return Reconstruction(pair, disparities, disparity, depth, cloud, mesh, dense_mesh, removals)

@@ -64,11 +64,6 @@ class Meshing:
             )
         Watertight(self.watertight_depth, self.watertight_reach_px)
 
-    @property
-    def decimates(self) -> bool:
-        """Whether vertices are removed."""
-        return self.decimation_sigma > 0 and not self.watertight
-
     def __call__(
         self,
         disparity: DisparityMap[Array],
@@ -90,6 +85,19 @@ class Meshing:
             ValueError: if `disparity` and `pair` differ in size.
             ImportError: if the surface is to be watertight and open3d lacks a system library.
         """
+        return self.with_dense(disparity, pair, kept=kept)[0]
+
+    def with_dense(
+        self,
+        disparity: DisparityMap[Array],
+        pair: RectifiedPair,
+        *,
+        kept: Array | None = None,
+    ) -> tuple[Mesh, Mesh]:
+        """Return the mesh, and the same before vertices were removed; see `__call__`.
+
+        Where nothing is removed, as from a watertight surface, both are one.
+        """
         depth = depth_map(disparity, pair.geometry)
         if kept is None:
             kept = self.points.kept_pixels(disparity, pair.geometry)
@@ -101,18 +109,21 @@ class Meshing:
         normals = surface_normals(
             on_surfaces, pair.geometry, depth_edge_px=self.points.depth_edge_px
         )
+        dense = _mesh_of(faces, depth, normals, pair)
         if self.watertight:
             close = Watertight(self.watertight_depth, self.watertight_reach_px)
-            return close(_mesh_of(faces, depth, normals, pair), pair.geometry.focal_px)
-        if self.decimates:
-            faces = simplified(
-                disparity.values - np.float32(pair.geometry.disparity_at_infinity),
-                faces,
-                tolerance=self.decimation_sigma * self.points.disparity_sigma_px,
-                border=BORDER_PX,
-                shift=SHIFT_PX,
-            )
-        return _mesh_of(faces, depth, normals, pair)
+            closed = close(dense, pair.geometry.focal_px)
+            return closed, closed
+        if not self.decimation_sigma:
+            return dense, dense
+        few = simplified(
+            disparity.values - np.float32(pair.geometry.disparity_at_infinity),
+            faces,
+            tolerance=self.decimation_sigma * self.points.disparity_sigma_px,
+            border=BORDER_PX,
+            shift=SHIFT_PX,
+        )
+        return _mesh_of(few, depth, normals, pair), dense
 
 
 def _mesh_of(faces: Array, depth: Array, normals: Array, pair: RectifiedPair) -> Mesh:
