@@ -507,7 +507,8 @@ class TestView:
     def test_ctrl_c_ends_the_page_without_a_word(self, tmp_path):
         with RerunObserver(save=tmp_path / "recording.rrd") as observe:
             observe("settings", "text")
-        code = "from recon.cli import main; main()"
+        heard = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)"
+        code = f"{heard}; from recon.cli import main; main()"  # a parent may ignore Ctrl-C
         served = subprocess.Popen(
             [sys.executable, "-c", code, "view", str(tmp_path), "--web"],
             stdout=subprocess.PIPE,
