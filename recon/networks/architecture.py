@@ -132,7 +132,7 @@ class Architecture:
 VARIANTS: Mapping[str, Architecture] = MappingProxyType(
     {
         "fast": Architecture(direct=True, faint_step=0.004),
-        "wide": Architecture((64, 96, 96), depth=3, direct=True, faint_step=0.004),
+        "wide": Architecture((64, 64, 96, 96), direct=True, faint_step=0.004),
     }
 )
 """The networks that are trained to ship."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from copy import deepcopy
+from dataclasses import replace
 
 import torch
 import torch.nn.functional as F
@@ -140,11 +141,43 @@ class FeatureNetwork(nn.Module):
         result = FeatureNetwork(self.architecture).to(self.mix.weight.device)
         result.mix.load_state_dict(self.mix.state_dict())
         result.last.load_state_dict(self.last.state_dict())
-        ours = [module for module in result.branches.modules() if isinstance(module, nn.Conv2d)]
-        theirs = [module for module in self.branches.modules() if isinstance(module, nn.Conv2d)]
-        norms = [module for module in self.branches.modules() if isinstance(module, nn.BatchNorm2d)]
-        for plain, convolution, norm in zip(ours, theirs, norms, strict=True):
-            with torch.no_grad():
-                folded = fuse_conv_bn_eval(deepcopy(convolution).eval(), deepcopy(norm).eval())
-            plain.load_state_dict(folded.state_dict())
+        for plain, branch in zip(result.branches, self.branches, strict=True):
+            plain.load_state_dict(_folded(branch).state_dict())
         return result.eval()
+
+    def begin_from(self, narrower: FeatureNetwork) -> None:
+        """Become the same function as a network with the first of these branches alone.
+
+        The branches that it has not are mixed in with weights of 0, from which training moves
+        them (function-preserving growth: Chen, Goodfellow & Shlens, Net2Net, ICLR 2016). Only the
+        last pixels of an image that the pooling grid does not fit differ.
+
+        Args:
+            narrower: without batch normalisation, see `fused`.
+
+        Raises:
+            ValueError: if its branches are not the first of these.
+        """
+        ours, theirs = self.architecture, narrower.architecture
+        count = len(theirs.channels)
+        grown = replace(theirs, channels=ours.channels)
+        if ours.channels[:count] != theirs.channels or grown != ours:
+            raise ValueError(f"{ours} cannot begin from the weights of {theirs}")
+        for level, branch in enumerate(narrower.branches):
+            self.branches[level] = deepcopy(branch)
+        with torch.no_grad():
+            weights = F.pad(narrower.mix.weight, (0, 0, 0, 0, 0, sum(ours.channels[count:])))
+        self.mix.load_state_dict({**narrower.mix.state_dict(), "weight": weights})
+        self.last.load_state_dict(narrower.last.state_dict())
+
+
+def _folded(branch: nn.Module) -> nn.Module:
+    """Return a branch whose convolutions have taken their batch normalisation in, if any."""
+    result = deepcopy(branch).eval()
+    for name, layer in list(result.named_modules()):
+        match list(layer.children()):
+            case [nn.Conv2d() as convolution, nn.BatchNorm2d() as norm, nn.ReLU() as relu]:
+                with torch.no_grad():
+                    folded = fuse_conv_bn_eval(convolution, norm)
+                result.set_submodule(name, nn.Sequential(folded, relu))
+    return result

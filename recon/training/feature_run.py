@@ -9,7 +9,7 @@ from pathlib import Path
 import torch
 from torch import Tensor, nn
 
-from recon.networks import FeatureNetwork, save_features
+from recon.networks import FeatureNetwork, load_features, save_features
 from recon.networks.architecture import Architecture, architecture_named
 from recon.training.loss import (
     best_disparity,
@@ -56,6 +56,9 @@ class FeatureRun(Run[FeatureTraining]):
     def begin(self) -> nn.Module:
         """See `Run`."""
         trained = _Trained(self.architecture)
+        if self.settings.begin_from is not None:
+            trained.network.begin_from(load_features(self.settings.begin_from))
+            trained.requires_grad_(requires_grad=True)
         trained.network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
         return trained
 

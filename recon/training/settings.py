@@ -43,6 +43,7 @@ class Training:
         size: width and height of the pairs in pixels.
         save_every: steps between checkpoints, scores and pictures.
         max_minutes: stop with a checkpoint after so long; the same command goes on from there.
+        begin_from: weights to begin from, a name that ships or a file; random ones if not given.
 
     Raises:
         ValueError: if a setting is out of range.
@@ -72,6 +73,7 @@ class Training:
     size: tuple[int, int] = (416, 256)
     save_every: int = 250
     max_minutes: float | None = None
+    begin_from: str | None = None
 
     def __post_init__(self) -> None:
         if self.pairs <= self.validation_pairs:
@@ -163,7 +165,6 @@ class RegulariserTraining(Training):
         most_candidates: disparities that are searched at most.
         spare_range: how much more than the largest disparity of a batch is searched, at most, as a
             share: nobody knows the range exactly.
-        begin_from: weights to begin from, a name that ships or a file; random ones if not given.
     """
 
     command_words: ClassVar[str] = "reconstruct train regulariser"
@@ -177,7 +178,6 @@ class RegulariserTraining(Training):
     direct_share: float = 0.4
     most_candidates: int = 144
     spare_range: float = 0.6
-    begin_from: str | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -185,6 +185,49 @@ class TestFeatures:
         assert_close(features.norm(dim=1), torch.ones(1, 61, 47))
 
 
+class TestGrowth:
+    """A network that begins as one with fewer branches."""
+
+    @pytest.fixture
+    def image(self, image):
+        return image[..., :60, :44]  # which the pooling grid fits
+
+    @pytest.fixture
+    def narrow(self):
+        return network_of(replace(SMALL, channels=SMALL.channels[:1]))
+
+    def test_at_first_it_is_the_same_function(self, narrow, image, assert_close):
+        grown = FeatureNetwork(SMALL, normalised=True)
+
+        grown.begin_from(narrow)
+
+        assert_close(grown.eval()(image), narrow(image))
+        assert_close(grown.fused()(image), narrow(image))
+
+    def test_the_new_branches_learn(self, narrow, image):
+        grown = FeatureNetwork(SMALL, normalised=True)
+        grown.begin_from(narrow)
+
+        grown(image).square().mul(torch.rand_like(image[:, :1])).sum().backward()
+
+        fresh = grown.mix.weight.grad[:, SMALL.channels[0] :]
+        assert fresh.abs().sum(dim=0).gt(0).all()
+
+    def test_what_has_trained_is_folded_branch_by_branch(self, narrow, image, assert_close):
+        grown = FeatureNetwork(SMALL, normalised=True)
+        grown.begin_from(narrow)
+        torch.nn.init.normal_(grown.mix.weight)
+        grown(torch.rand(2, 3, 40, 40))  # the normalisation sees a batch
+
+        assert_close(grown.fused()(image), grown.eval()(image), **LOOSE)
+
+    def test_another_shape_is_refused(self, narrow):
+        with pytest.raises(ValueError, match="cannot begin from the weights of"):
+            FeatureNetwork(replace(SMALL, depth=SMALL.depth + 1)).begin_from(narrow)
+        with pytest.raises(ValueError, match="cannot begin from the weights of"):
+            FeatureNetwork(replace(SMALL, channels=(5, 5))).begin_from(narrow)
+
+
 class TestArchitecture:
     @pytest.mark.parametrize("architecture", [*SHAPES, *VARIANTS.values()], ids=str)
     def test_the_operations_are_those_that_torch_counts(self, architecture):

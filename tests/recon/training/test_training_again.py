@@ -2,12 +2,14 @@
 
 import time
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 import torch
 from safetensors import safe_open
-from small_trainings import PAIRS, Killed, draw_bands, killed_at, left_off_at, weights_of
+from small_trainings import CPU, PAIRS, Killed, draw_bands, killed_at, left_off_at, weights_of
 
+from recon.networks import FeatureNetwork, architecture, save_features
 from recon.training.batches import pairs_for
 from recon.training.feature_run import FeatureRun
 from recon.training.progress import Scores, Stopped
@@ -107,3 +109,18 @@ class TestOnADevice:
                 losses.append(float(run.update(source).loss))
 
         assert losses[0] == pytest.approx(losses[1], rel=0.03)
+
+
+def test_a_wider_network_goes_on_from_the_weights_of_a_narrower_one(settings, tmp_path):
+    narrow = replace(architecture.VARIANTS["small"], channels=(8,))
+    network = FeatureNetwork(narrow).eval()
+    stored = str(tmp_path / "narrow.safetensors")
+    save_features(Path(stored), network, about={})
+    further = replace(settings, begin_from=stored)
+    image = torch.rand(1, 3, 32, 48)
+
+    run = FeatureRun(further, CPU)
+
+    torch.testing.assert_close(run.ready()(image), network(image))
+    assert all(weight.requires_grad for weight in run.trained.parameters())
+    assert not torch.allclose(train(further)(image), network(image), atol=1e-3)
