@@ -31,6 +31,8 @@ MISSING = 3.0
 STEEPEST_PX = 3.0
 LARGEST_CORRECTION_PX = 2.0
 FIRST_SHARPNESS, FIRST_PATH_SHARPNESS = 12.0, 4.0
+CELLS_AT_ONCE = 1 << 21
+"""Costs of which the blocks are seen together: few enough for a cache and for memory in use."""
 MEAN_LIGHT, LIGHT_SPREAD = 0.45, 0.25
 """Of every image: those of the image itself would differ from strip to strip."""
 
@@ -245,25 +247,44 @@ class Regulariser(nn.Module):
             winner: (N, H, W), where these are least, in candidates from the first.
             guide: (N, 3, H, W) in [0, 1], the view whose costs they are.
         """
-        height, width, count = cost.shape[1:]
-        down, across, deep = (
-            -height % SPATIAL_MULTIPLE,
-            -width % SPATIAL_MULTIPLE,
-            -count % CANDIDATE_MULTIPLE,
-        )
-        beyond = (0, deep, 0, across, 0, down)
-        cost = F.pad(cost, beyond, value=float("inf")).clamp_max(MISSING)
-        likeness = torch.where(cost < MISSING, 1 - cost, 0.0)
+        height, width = cost.shape[1:3]
+        down, across = -height % SPATIAL_MULTIPLE, -width % SPATIAL_MULTIPLE
         winner = F.pad(winner, (0, across, 0, down))
         guide = F.pad(guide, (0, across, 0, down), mode="replicate")
         seen = self.context(guide)
-        chance = torch.softmax(-self.sharpness.exp() * cost, -1)
-        path_chance = self._path_chance(F.pad(paths, beyond, value=float("inf")))
-        logits = self._logits(likeness, chance, path_chance, seen[2:])
-        enlarged = self._enlarged(*_peak(logits), likeness, path_chance, winner, seen)
-        disparity, log_scale, occlusion = self._corrected(enlarged, likeness, seen[0])
+        cells, surest = self._cells(cost, paths)
+        logits = self.hourglass(cells, seen[2:]).float().permute(0, 2, 3, 4, 1).flatten(3)
+        enlarged = self._enlarged(*_peak(logits), cost, surest, winner, seen)
+        disparity, log_scale, occlusion = self._corrected(enlarged, cost, seen[0])
         kept = slice(None), slice(height), slice(width)
         return Estimate(disparity[kept], log_scale[kept], occlusion[kept], enlarged[kept], logits)
+
+    def _cells(self, cost: Tensor, paths: Tensor) -> tuple[Tensor, Tensor]:
+        """Return what is seen of the blocks of the volume, (N, C, h, w, D / 4), padded.
+
+        Some rows at a time: what is between costs and blocks would take three more volumes.
+
+        Returns:
+            That, and the greatest chance that the paths give a candidate, (N, H, W), padded.
+        """
+        height, width, count = cost.shape[1:]
+        rows = BLOCK * max(1, CELLS_AT_ONCE // (BLOCK * width * count))
+        cells, surest = [], []
+        for top in range(0, height, rows):
+            strip = slice(None), slice(top, top + rows)
+            down = -height % SPATIAL_MULTIPLE if top + rows >= height else 0
+            beyond = (0, -count % CANDIDATE_MULTIPLE, 0, -width % SPATIAL_MULTIPLE, 0, down)
+            near = F.pad(cost[strip], beyond, value=float("inf")).clamp_max(MISSING)
+            path_chance = self._path_chance(F.pad(paths[strip], beyond, value=float("inf")))
+            chance = torch.softmax(-self.sharpness.exp() * near, -1)
+            seen_alike = (
+                self.likeness(_blocks(_likeness(near)))
+                + self.chance(_blocks(chance))
+                + self.path_chance(_blocks(path_chance))
+            )
+            cells.append(F.relu(seen_alike))
+            surest.append(path_chance.amax(-1))
+        return torch.cat(cells, 1).permute(0, 4, 1, 2, 3), torch.cat(surest, 1)
 
     def _path_chance(self, paths: Tensor) -> Tensor:
         """Return a softmax over the candidates; those that do not exist share a little."""
@@ -271,50 +292,38 @@ class Regulariser(nn.Module):
         above = torch.where(paths.isfinite(), paths - least, MISSING)
         return torch.softmax(-self.path_sharpness.exp() * above, -1)
 
-    def _logits(
-        self, likeness: Tensor, chance: Tensor, path_chance: Tensor, seen: list[Tensor]
-    ) -> Tensor:
-        """Return the logits of blocks, (N, h, w, D)."""
-        seen_alike = (
-            self.likeness(_blocks(likeness))
-            + self.chance(_blocks(chance))
-            + self.path_chance(_blocks(path_chance))
-        )
-        volume = F.relu(seen_alike).permute(0, 4, 1, 2, 3)  # (N, C, h, w, D / 4)
-        logits: Tensor = self.hourglass(volume, seen)
-        return logits.float().permute(0, 2, 3, 4, 1).flatten(3)
-
     def _enlarged(
         self,
         peak: Tensor,
         chance: Tensor,
-        likeness: Tensor,
-        path_chance: Tensor,
+        cost: Tensor,
+        surest: Tensor,
         winner: Tensor,
         seen: list[Tensor],
     ) -> Tensor:
         """Let each pixel choose among the blocks around it and the winner of the paths."""
-        size = likeness.shape[1:3]
+        size = winner.shape[1:]
         around = _neighbours(peak)  # (N, 9, h, w)
         relative = (around - peak[:, None]).clamp(-8, 8) / 8
         coarse = self.block_weights(torch.cat((seen[2], relative), 1))
         coarse = F.pixel_shuffle(coarse, BLOCK).float()  # (N, 9, H, W)
         blocks = F.interpolate(around, size, mode="nearest")
         hypotheses = torch.cat((blocks, winner[:, None]), 1)
-        sampled = _sample(likeness, hypotheses)
+        sampled = _sample(cost, hypotheses)
         sure = F.interpolate(_neighbours(chance), size, mode="nearest")
-        surest = path_chance.amax(-1)[:, None]
         apart = (winner - blocks[:, NEIGHBOURS // 2])[:, None].clamp(-8, 8) / 8
-        fine = self.pixel_weights(torch.cat((seen[0], sampled, sure, surest, apart), 1)).float()
+        fine = self.pixel_weights(
+            torch.cat((seen[0], sampled, sure, surest[:, None], apart), 1)
+        ).float()
         weights = F.pad(coarse, (0, 0, 0, 0, 0, 1)) + fine
         return (torch.softmax(weights, 1) * hypotheses).sum(1)
 
     def _corrected(
-        self, enlarged: Tensor, likeness: Tensor, seen: Tensor
+        self, enlarged: Tensor, cost: Tensor, seen: Tensor
     ) -> tuple[Tensor, Tensor, Tensor]:
         start = enlarged.detach()
         offsets = start.new_tensor(OFFSETS)[:, None, None]
-        sampled = _sample(likeness, start[:, None] + offsets)
+        sampled = _sample(cost, start[:, None] + offsets)
         phase = 2 * torch.pi * start[:, None]
         padded = F.pad(start[:, None], (1, 1, 1, 1), mode="replicate")
         steps = (
@@ -366,15 +375,24 @@ def _neighbours(values: Tensor) -> Tensor:
     )
 
 
-def _sample(likeness: Tensor, candidates: Tensor) -> Tensor:
-    """Read (N, H, W, D) at fractional candidates (N, K, H, W); 0 outside."""
-    place = candidates.detach().permute(0, 2, 3, 1)
+def _likeness(cost: Tensor) -> Tensor:
+    """Return how alike pixels are, in [-1, 1]; 0 where there is no candidate."""
+    return torch.where(cost < MISSING, 1 - cost, 0.0)
+
+
+def _sample(cost: Tensor, candidates: Tensor) -> Tensor:
+    """Read the likeness of (N, H, W, D) at fractional candidates, padded (N, K, H, W).
+
+    It is 0 outside.
+    """
+    height, width, count = cost.shape[1:]
+    down, across = candidates.shape[2] - height, candidates.shape[3] - width
+    place = candidates.detach()[..., :height, :width].permute(0, 2, 3, 1)
     low = place.floor()
-    share = place - low
-    last = likeness.shape[-1] - 1
     parts = []
     for index in (low, low + 1):
-        inside = (index >= 0) & (index <= last)
-        found = likeness.gather(-1, index.clamp(0, last).long())
+        inside = (index >= 0) & (index < count)
+        found = _likeness(cost.gather(-1, index.clamp(0, count - 1).long()))
         parts.append(torch.where(inside, found, 0.0))
-    return torch.lerp(parts[0], parts[1], share).permute(0, 3, 1, 2)
+    sampled = torch.lerp(parts[0], parts[1], place - low).permute(0, 3, 1, 2)
+    return F.pad(sampled, (0, across, 0, down))

@@ -90,10 +90,29 @@ class TestNetwork:
         assert chance.item() == pytest.approx(2 / (2 + np.exp(-0.1)), abs=1e-3)
 
     def test_costs_are_read_between_candidates_and_are_nothing_outside(self):
-        likeness = torch.tensor([1.0, 3.0, 7.0]).expand(1, 1, 1, 3)
-        wanted = torch.tensor([0.5, 1.25, 2.0, 2.5, -2.0]).reshape(1, 5, 1, 1)
+        cost = torch.tensor([0.75, 0.25, 0.5, float("inf")]).expand(1, 1, 1, 4)
+        wanted = torch.tensor([0.5, 1.25, 2.0, 2.5, 3.0, -2.0, 4.0]).reshape(1, 7, 1, 1)
 
-        assert _sample(likeness, wanted).flatten().tolist() == [2.0, 4.0, 7.0, 3.5, 0.0]
+        read = _sample(cost, wanted).flatten().tolist()
+
+        assert read == [0.5, 0.6875, 0.5, 0.25, 0.0, 0.0, 0.0]
+
+    def test_what_lies_beyond_the_image_is_like_nothing(self):
+        cost = torch.full((1, 2, 3, 4), 0.25)
+
+        read = _sample(cost, torch.ones(1, 5, 4, 8))
+
+        assert read[..., :2, :3].eq(0.75).all()
+        assert read.sum() == 0.75 * 5 * 2 * 3
+
+    def test_the_volume_may_be_seen_some_rows_at_a_time(self, network, monkeypatch):
+        cost, view = random_costs(30, 50, 13), random_view(30, 50)
+        whole = estimate(network, cost, view)
+
+        monkeypatch.setattr("recon.networks.regulariser.CELLS_AT_ONCE", 8 * 50 * 13)
+
+        for one, other in zip(whole, estimate(network, cost, view), strict=True):
+            torch.testing.assert_close(one, other)
 
     def test_folding_the_normalisation_changes_nothing(self, network):
         cost, view = random_costs(32, 64, 16), random_view(32, 64)
