@@ -17,6 +17,7 @@ ROWS = (
         "recon.networks",
         "recon.observer",
         "recon.open3d_library",
+        "recon.precision",
         "calib.pose",
         "calib.camera",
     ),

@@ -11,6 +11,7 @@ from torch import Tensor
 from recon.kernels.shifts import cosine_distances
 from recon.matching_cost.protocol import ALL_ROWS
 from recon.networks import FeatureNetwork, load_features
+from recon.precision import Precision, check_precision, in_precision
 from recon.types import CostVolume
 
 __all__ = ["LearnedCost"]
@@ -35,12 +36,15 @@ class LearnedCost:
             soft census transform, have beside what is learned; that of the training if not given.
             Noise and blur of generated pairs teach a network to trust faint texture less than
             photographs deserve; a larger share gives it back, a smaller one bears more noise.
+        precision: of the convolutions, see `in_precision`; they were trained in bfloat16.
     """
 
     weights: str = "fast"
     direct_share: float | None = None
+    precision: Precision = "auto"
 
     def __post_init__(self) -> None:
+        check_precision(self.precision)
         if self.direct_share is not None and not 0 <= self.direct_share < 1:
             raise ValueError(f"direct_share must be in [0, 1), got {self.direct_share}")
 
@@ -55,7 +59,8 @@ class LearnedCost:
     ) -> CostVolume:
         """Compare the descriptions of pixels."""
         network = _network(self.weights, left.device, self.direct_share)
-        of_left, of_right = (
-            network(image.permute(2, 0, 1)[None])[0, :, rows] for image in (left, right)
-        )
+        with in_precision(self.precision, left.device):
+            of_left, of_right = (
+                network(image.permute(2, 0, 1)[None])[0, :, rows] for image in (left, right)
+            )
         return CostVolume(cosine_distances(of_left, of_right, disparities), disparities)

@@ -41,6 +41,7 @@ def _steps(image: Tensor, faint: float) -> Tensor:
     offsets = [(y, x) for y in range(2 * reach + 1) for x in range(2 * reach + 1)]
     offsets.remove((reach, reach))
     steps = torch.cat([around[..., y : y + height, x : x + width] for y, x in offsets], 1) - grey
+    steps = steps.contiguous(memory_format=torch.channels_last)  # as all that follows
     return steps / (steps.abs() + faint)
 
 

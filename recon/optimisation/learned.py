@@ -10,6 +10,7 @@ from torch import Tensor
 
 from recon.networks import Regulariser, load_regulariser
 from recon.optimisation.semi_global import SemiGlobal
+from recon.precision import Precision, check_precision, in_precision
 from recon.types import CostVolume, DisparityMap, PixelStatus
 
 __all__ = ["LearnedOptimisation", "hints"]
@@ -42,7 +43,7 @@ def hints(cost: Tensor, guide: Tensor) -> tuple[Tensor, Tensor]:
     volume = CostVolume(cost, range(cost.shape[-1]))
     sums = PATHS.sums(volume, guide)
     winner = PATHS.winner(CostVolume(sums, volume.disparities), guide)
-    return sums / PATHS.directions, torch.nan_to_num(winner.values)
+    return sums.div_(PATHS.directions), torch.nan_to_num(winner.values)
 
 
 @dataclass(frozen=True)
@@ -59,12 +60,15 @@ class LearnedOptimisation:
             cost and the aggregation on which they were trained.
         averaged_px: where the network and the semi-global paths differ by at most this, the mean of
             both is taken: their errors below a pixel have little to do with each other.
+        precision: of the network, see `in_precision`; it was trained in bfloat16.
     """
 
     weights: str = "regulariser"
     averaged_px: float = 2.0
+    precision: Precision = "auto"
 
     def __post_init__(self) -> None:
+        check_precision(self.precision)
         if self.averaged_px < 0:
             raise ValueError(f"averaged_px must not be negative, got {self.averaged_px}")
 
@@ -84,7 +88,8 @@ class LearnedOptimisation:
         cost = volume.cost.flip(1) if volume.of_right else volume.cost
         view = guide.flip(1) if volume.of_right else guide
         paths, winner = hints(cost, view)
-        estimate = network(cost[None], paths[None], winner[None], view.permute(2, 0, 1)[None])
+        with in_precision(self.precision, guide.device):
+            estimate = network(cost[None], paths[None], winner[None], view.permute(2, 0, 1)[None])
         alone, last = estimate.disparity[0], len(volume.disparities) - 1
         agreed = (alone - winner).abs() <= self.averaged_px
         chosen = torch.where(agreed, (alone + winner) / 2, alone)
