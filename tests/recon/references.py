@@ -138,3 +138,31 @@ def segment_sizes(values, largest_step):
         for q in piece:
             sizes[q] = len(piece)
     return sizes
+
+
+def local_planes(values, weights, guide, belonging, slopes, *, rounds):
+    radius, step, colour, tolerance = belonging
+    height, width = values.shape
+    planes = np.concatenate([values[..., None], slopes], -1).astype(np.float64)
+    for number in range(rounds):
+        before, planes = planes, planes.copy()
+        for y, x in np.argwhere(~np.isnan(values)):
+            dy, dx = np.mgrid[-radius : radius + 1, -radius : radius + 1]
+            inside = (y + dy >= 0) & (y + dy < height) & (x + dx >= 0) & (x + dx < width)
+            inside &= (dy % step == 0) & (dx % step == 0)
+            dy, dx = dy[inside], dx[inside]
+            v = values[y + dy, x + dx].astype(np.float64)
+            distance = np.hypot(dx, dy)
+            v -= before[y, x] @ [np.ones_like(dx), dx, dy]
+            most = tolerance + (0.125 * distance if number == 0 else 0.0)
+            alike = 1 - np.abs(guide[y + dy, x + dx] - guide[y, x]).sum(-1) / colour
+            w = weights[y + dy, x + dx] * alike.clip(0) * (1 - (v / most) ** 2).clip(0)
+            w = np.nan_to_num(w * (1 - distance**2 / (2 * (radius + 1) ** 2)))
+            if w.sum() < 1:
+                continue
+            columns = np.stack([np.ones_like(v), dx, dy], -1)
+            normal = (columns * w[:, None]).T @ columns
+            normal += np.diag([0, 1, 1]) * 0.002 * w.sum() * radius**2
+            right = (columns * w[:, None]).T @ np.nan_to_num(v)
+            planes[y, x] = before[y, x] + np.linalg.solve(normal, right)
+    return planes[..., 0]

@@ -7,7 +7,9 @@ import torch
 
 from recon.kernels import bilateral, compiled, minimum, recursive, shifts, windows
 from recon.kernels.holes import from_directions, from_row
+from recon.kernels.local_planes import Belonging, local_planes
 from recon.kernels.median import weighted_median
+from recon.kernels.planes import plane_slopes
 from recon.kernels.segments import segment_sizes
 
 RANGES = [range(4), range(-3, 2), range(3, 6), range(-4, -1), range(20), range(40, 42)]
@@ -185,6 +187,25 @@ def test_weighted_median_agrees_with_the_loop(sigma_colour, texture, generator, 
         values.numpy(), guide.numpy(), radius=2, sigma_colour=sigma_colour
     )
     assert_close(result, expected)
+
+
+@pytest.mark.parametrize("rounds", [1, 2])
+def test_local_planes_agree_with_the_loop(rounds, texture, generator, assert_close):
+    values = 20 + 0.4 * torch.arange(15) + 0.5 * torch.rand((12, 15), generator=generator)
+    values[torch.rand((12, 15), generator=generator) < 0.2] = NAN
+    weights, guide = torch.rand((12, 15), generator=generator), texture(12, 15)
+    belonging = Belonging(radius=5, step=2, colour=1.5, tolerance=0.8)
+
+    result = local_planes(values, weights, guide, belonging, rounds=rounds)
+
+    expected = references.local_planes(
+        *(array.numpy() for array in (values, weights, guide)),
+        belonging,
+        plane_slopes(values.numpy(), radii=(4,), edge=1.0, noise=0.5),
+        rounds=rounds,
+    )
+    assert_close(result, expected, rtol=1e-4, atol=1e-4)
+    assert np.nanmax(np.abs(expected - values.numpy())) > 0.1
 
 
 def test_segment_sizes_agree_with_a_flood(generator):

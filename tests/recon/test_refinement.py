@@ -1,9 +1,11 @@
 """What every refinement promises."""
 
+from dataclasses import replace
+
 import pytest
 import torch
 
-from recon.refinement import REFINEMENTS, DomainTransform
+from recon.refinement import REFINEMENTS, DomainTransform, LocalPlanes
 from recon.types import DisparityMap, PixelStatus
 
 NAN = float("nan")
@@ -18,8 +20,11 @@ def refinement(request):
 @pytest.fixture(params=sorted(REFINEMENTS))
 def strong(request):
     """With a wide reach, to see how far it goes."""
-    method = REFINEMENTS[request.param]
-    return method() if method is DomainTransform else method(radius_px=6)
+    far = {
+        "domain_transform": DomainTransform(),
+        "local_planes": LocalPlanes(radius_px=6, step_px=1, tolerance_px=2.0),
+    }
+    return far.get(request.param) or REFINEMENTS[request.param](radius_px=6)
 
 
 @pytest.fixture
@@ -189,3 +194,61 @@ def test_a_setting_that_is_not_positive_is_refused(setting):
 def test_a_negative_radius_is_refused(name):
     with pytest.raises(ValueError, match="radius_px must not be negative, got -1"):
         REFINEMENTS[name](radius_px=-1)
+
+
+class TestLocalPlanes:
+    @pytest.fixture
+    def slope(self):
+        rows, columns = torch.meshgrid(
+            torch.arange(float(HEIGHT)), torch.arange(float(WIDTH)), indexing="ij"
+        )
+        return 30 + 0.3 * columns - 0.2 * rows
+
+    @pytest.fixture
+    def noise(self, generator):
+        return 0.2 * torch.randn((HEIGHT, WIDTH), generator=generator)
+
+    def test_a_slanted_plane_stays_as_it_is(self, slope, assert_close):
+        assert_close(LocalPlanes()(of(slope), guide=grey()).values, slope, atol=1e-2)
+
+    def test_noise_on_a_slanted_plane_goes(self, slope, noise):
+        result = LocalPlanes()(of(slope + noise), guide=grey()).values
+
+        assert (result - slope)[6:-6, 6:-6].std() < 0.4 * noise.std()
+        assert (result - slope).std() < 0.6 * noise.std()  # the borders, too
+
+    def test_a_jump_stays_where_it_is_though_the_guide_shows_nothing(self, slope, noise):
+        slope[:, 23:] += 4.0
+
+        result = LocalPlanes()(of(slope + noise), guide=grey()).values
+
+        error = (result - slope).abs()
+        assert error.max() < 1.0
+        assert error[:, 20:26].mean() < 0.8 * noise.abs().mean()
+
+    def test_what_looks_otherwise_does_not_count(self, slope, noise):
+        guide = grey()
+        guide[:, 23:] = 0.6
+        faint = slope.clone()
+        faint[:, 23:] += 0.4
+
+        seen, unseen = (
+            LocalPlanes()(of(faint + noise), guide=view).values - faint for view in (guide, grey())
+        )
+
+        assert seen[:, 20:26].abs().mean() < 0.8 * unseen[:, 20:26].abs().mean()
+
+    def test_what_is_not_trusted_does_not_count(self, slope):
+        values = slope.clone()
+        values[:, ::2] += 0.5
+        trust = torch.ones_like(slope)
+        trust[:, ::2] = 0.05
+
+        result = LocalPlanes(step_px=1)(replace(of(values), confidence=trust), guide=grey()).values
+
+        assert (result - slope)[6:-6, 6:-6].abs().max() < 0.05
+
+    @pytest.mark.parametrize("name", ["radius_px", "step_px", "colour", "tolerance_px", "rounds"])
+    def test_a_setting_that_is_not_positive_is_refused(self, name):
+        with pytest.raises(ValueError, match=f"{name} must be positive, got 0"):
+            LocalPlanes(**{name: 0})
