@@ -13,8 +13,10 @@ from pathlib import Path
 from recon.cli import main as reconstruct
 
 SMOOTH = "{method='domain_transform',sigma_space_px=10.0,sigma_range=0.03,confidence_weighted=true"
+DOUBTED = f"{SMOOTH},below_confidence=0.5}}"
 ROWS = {
     "best": "",
+    "no-row-alignment": "row_alignment=false",
     "census": "matching_cost=census",
     "paper-share": "matching_cost.direct_share=0.1",
     "no-bilateral": "aggregation=none",
@@ -28,8 +30,10 @@ ROWS = {
     "flat-filling": "filling.most_rise_px=0.0",
     "no-refinement": "refinements=[]",
     "median-alone": "refinements=['median']",
-    "weighted-median": "refinements=['weighted_median']",
-    "filter-everywhere": f"refinements=['median',{SMOOTH}}}]",
+    "no-planes": f"refinements=['median',{DOUBTED}]",
+    "no-filter": "refinements=['median','local_planes']",
+    "weighted-median": f"refinements=['weighted_median',{DOUBTED},'local_planes']",
+    "filter-everywhere": f"refinements=['median',{SMOOTH}}},'local_planes']",
     "coarse-to-fine": "coarse_to_fine=true",
 }
 
