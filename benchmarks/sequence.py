@@ -103,7 +103,7 @@ class Caster:
         """Take a mesh in metres; with a texture, `colours` are (V, 2) places in it in [0, 1]."""
         o3d = loaded_open3d()
         self._tensor, self._faces, self._colours = o3d.core.Tensor, faces, colours
-        self._texture = texture
+        self._texture, self._vertices = texture, vertices
         self._scene = o3d.t.geometry.RaycastingScene()
         self._scene.add_triangles(
             self._tensor(vertices.astype(np.float32)), self._tensor(faces.astype(np.uint32))
@@ -116,15 +116,17 @@ class Caster:
         up: list[float],
         wide_m: float,
         size: tuple[int, int],
+        nothing: tuple[int, int, int] = (255, 255, 255),
     ) -> Array:
-        """Return (H, W, 3) uint8 of what is `wide_m` wide around `middle`; white is nothing."""
+        """Return (H, W, 3) uint8 of what is `wide_m` wide around `middle`, white elsewhere."""
         (width, height), z = size, np.array(ahead, float)
         x = np.cross(z, up)
         x /= np.linalg.norm(x)
         y, step = np.cross(z, x), wide_m / width
         across = (np.arange(width) - (width - 1) / 2) * step
         down = (np.arange(height) - (height - 1) / 2) * step
-        origin = middle - 500 * z + down[:, None, None] * y + across[None, :, None] * x
+        before = ((self._vertices - middle) @ z).min() - step  # near, as rays are single precision
+        origin = middle + before * z + down[:, None, None] * y + across[None, :, None] * x
         rays = np.concatenate([origin, np.broadcast_to(z, origin.shape)], axis=-1)
         found = self._scene.cast_rays(self._tensor(rays.astype(np.float32)))
         hit = np.isfinite(found["t_hit"].numpy())
@@ -137,7 +139,7 @@ class Caster:
             rows, columns = self._texture.shape[:2]
             at = (colour * (columns, rows)).astype(int).clip(0, (columns - 1, rows - 1))
             colour = self._texture[at[..., 1], at[..., 0]]
-        drawn: Array = np.where(hit[..., None], colour * lit, 255).clip(0, 255).astype(np.uint8)
+        drawn: Array = np.where(hit[..., None], colour * lit, nothing).clip(0, 255).astype(np.uint8)
         return drawn
 
 
