@@ -46,8 +46,9 @@ NOTHING = (214, 224, 236)
 class Frame:
     """What the pictures of one scene show: a middle, and how many metres are across."""
 
-    def __init__(self, cloud: PointCloud) -> None:
-        """Choose a frame around the points that are not far away."""
+    def __init__(self, cloud: PointCloud, size: tuple[int, int] = SIZE) -> None:
+        """Choose a frame around the points that are not far away, for pictures of a size."""
+        self.size = size
         near = cloud.points[cloud.points[:, 2] <= FARTHEST * np.median(cloud.points[:, 2])]
         across = np.cross(AHEAD, UP)
         across /= np.linalg.norm(across)
@@ -56,25 +57,25 @@ class Frame:
         low, high = np.percentile(seen, [OUTER_PERCENT, 100 - OUTER_PERCENT], axis=0)
         self.middle = (low + high) / 2 @ self.axes
         width, height = (high - low)[:2]
-        self.wide_m = MARGIN * max(width, height * SIZE[0] / SIZE[1])
+        self.wide_m = MARGIN * max(width, height * size[0] / size[1])
 
     def of_cloud(self, cloud: PointCloud) -> Array:
         """Return (H, W, 3) uint8, every point a square of 2 x 2 pixels, nearer ones in front."""
         seen = (cloud.points - self.middle) @ self.axes.T
         order = np.argsort(-seen[:, 2])
-        scale = SIZE[0] / self.wide_m
-        column, row = (scale * seen[order, :2] + np.array(SIZE) / 2).astype(int).T
-        picture = np.full((SIZE[1], SIZE[0], 3), NOTHING, np.uint8)
+        scale = self.size[0] / self.wide_m
+        column, row = (scale * seen[order, :2] + np.array(self.size) / 2).astype(int).T
+        picture = np.full((self.size[1], self.size[0], 3), NOTHING, np.uint8)
         for down, right in ((0, 0), (0, 1), (1, 0), (1, 1)):
             x, y = column + right, row + down
-            inside = (x >= 0) & (y >= 0) & (x < SIZE[0]) & (y < SIZE[1])
+            inside = (x >= 0) & (y >= 0) & (x < self.size[0]) & (y < self.size[1])
             picture[y[inside], x[inside]] = cloud.colours[order][inside]
         return picture
 
     def of_mesh(self, mesh: Mesh) -> Array:
         """Return (H, W, 3) uint8 of a mesh with its texture, lit from the eye."""
         caster = Caster(mesh.vertices, mesh.faces, mesh.uv, mesh.texture)
-        return caster.picture(self.middle, AHEAD, UP, self.wide_m, SIZE, NOTHING)
+        return caster.picture(self.middle, AHEAD, UP, self.wide_m, self.size, NOTHING)
 
 
 def drawn(results: dict[str, Reconstruction]) -> Array:
