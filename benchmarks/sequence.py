@@ -95,12 +95,15 @@ def draw(out: Path) -> None:
 
 
 class Caster:
-    """Draws a mesh with colours at its vertices by casting parallel rays."""
+    """Draws a mesh with colours at its vertices, or a texture, by casting parallel rays."""
 
-    def __init__(self, vertices: Array, faces: Array, colours: Array) -> None:
-        """Take a mesh in metres."""
+    def __init__(
+        self, vertices: Array, faces: Array, colours: Array, texture: Array | None = None
+    ) -> None:
+        """Take a mesh in metres; with a texture, `colours` are (V, 2) places in it in [0, 1]."""
         o3d = loaded_open3d()
         self._tensor, self._faces, self._colours = o3d.core.Tensor, faces, colours
+        self._texture, self._vertices = texture, vertices
         self._scene = o3d.t.geometry.RaycastingScene()
         self._scene.add_triangles(
             self._tensor(vertices.astype(np.float32)), self._tensor(faces.astype(np.uint32))
@@ -113,14 +116,17 @@ class Caster:
         up: list[float],
         wide_m: float,
         size: tuple[int, int],
+        nothing: tuple[int, int, int] = (255, 255, 255),
     ) -> Array:
-        """Return (H, W, 3) uint8 of what is `wide_m` wide around `middle`; white is nothing."""
+        """Return (H, W, 3) uint8 of what is `wide_m` wide around `middle`, white elsewhere."""
         (width, height), z = size, np.array(ahead, float)
         x = np.cross(z, up)
+        x /= np.linalg.norm(x)
         y, step = np.cross(z, x), wide_m / width
         across = (np.arange(width) - (width - 1) / 2) * step
         down = (np.arange(height) - (height - 1) / 2) * step
-        origin = middle - 500 * z + down[:, None, None] * y + across[None, :, None] * x
+        before = ((self._vertices - middle) @ z).min() - step  # near, as rays are single precision
+        origin = middle + before * z + down[:, None, None] * y + across[None, :, None] * x
         rays = np.concatenate([origin, np.broadcast_to(z, origin.shape)], axis=-1)
         found = self._scene.cast_rays(self._tensor(rays.astype(np.float32)))
         hit = np.isfinite(found["t_hit"].numpy())
@@ -128,8 +134,12 @@ class Caster:
         u, v = np.moveaxis(found["primitive_uvs"].numpy(), -1, 0)
         shares = np.stack([1 - u - v, u, v], axis=-1)[..., None]
         lit = 0.6 + 0.4 * np.abs(found["primitive_normals"].numpy() @ z)[..., None]
-        colour = (self._colours[corners] * shares).sum(-2) * lit
-        drawn: Array = np.where(hit[..., None], colour, 255).clip(0, 255).astype(np.uint8)
+        colour = (self._colours[corners] * shares).sum(-2)
+        if self._texture is not None:
+            rows, columns = self._texture.shape[:2]
+            at = (colour * (columns, rows)).astype(int).clip(0, (columns - 1, rows - 1))
+            colour = self._texture[at[..., 1], at[..., 0]]
+        drawn: Array = np.where(hit[..., None], colour * lit, nothing).clip(0, 255).astype(np.uint8)
         return drawn
 
 

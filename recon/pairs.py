@@ -178,10 +178,14 @@ def _with_calibration(
         return RectifiedPair(*images, record.rectified), notes
     if not rectified and record.raw is not None:
         return StereoPair(*images, record.raw), notes
-    asked, held = ("rectified", "raw") if rectified else ("raw", "rectified")
+    if rectified:
+        raise ValueError(
+            f"{record.source} describes raw images of this size only, but the images were said to "
+            "be rectified; leave out --rectified, or give the calibration of the rectified ones"
+        )
     raise ValueError(
-        f"{record.source} describes {held} images of this size only, but the images were said to "
-        f"be {asked}; leave out --{asked}, or give another calibration"
+        f"{record.source} describes rectified images of this size only: there is nothing to "
+        "rectify; leave out --raw if you said it, or give the calibration of the raw images"
     )
 
 

@@ -13,7 +13,7 @@ from recon.cli.terminal import console
 if TYPE_CHECKING:
     from recon.viewer import Page
 
-__all__ = ["keep_serving", "presets", "view"]
+__all__ = ["keep_serving", "presets", "say_where", "view"]
 
 
 def presets() -> None:
@@ -48,13 +48,20 @@ def view(
     if port is not None and not web:
         raise ValueError("--port is of the page that --web serves; say --web too")
     if web:
-        keep_serving(serve_recording(recording, port=port))
+        page = serve_recording(recording, port=port)
+        say_where(page)
+        keep_serving(page)
     else:
         open_recording(recording)
 
 
-def keep_serving(page: Page) -> None:
-    """Say where a recording is shown, and show it until Ctrl-C."""
-    console.print(f"showing at {page.url}; press Ctrl-C to end", soft_wrap=True)
+def say_where(page: Page) -> None:
+    """Say where a recording is shown; the addresses end their lines, so that they can be copied."""
+    console.print(f"showing at {page.url}", soft_wrap=True)
     console.print(f"from another machine: {page.from_elsewhere}", soft_wrap=True)
+
+
+def keep_serving(page: Page) -> None:
+    """Show a recording until Ctrl-C."""
+    console.print("press Ctrl-C to end the page")
     page.wait()

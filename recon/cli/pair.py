@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from tyro.conf import Positional, UseAppendAction, arg
 
-from recon.cli.look import keep_serving
+from recon.cli.look import keep_serving, say_where
 from recon.cli.rectify import said
 from recon.cli.terminal import (
     QUIET,
@@ -282,6 +282,8 @@ def _run(
         _recorder(means, folder) as recorder,
         compilation_watched() as compiled_for,
     ):
+        if means.recording == "serve":
+            say_where(recorder.page)
         watch = Stopwatch(all_of(progress, recorder))
         source = read()
         for note in source.notes:

@@ -305,13 +305,7 @@ def _conclude(report: dict[str, Any], out: Path) -> None:
     """Print what was made and where it lies."""
     if "drift" in report:
         warn(f"{report['poses']}; {_drift_in_words(report['drift'])}")
-    console.print(
-        f"{report['points']:,} points and {report['triangles']:,} triangles of "
-        f"{report['frames']} frames, standard deviation "
-        f"{report['sigma m']['median'] * 1000:.1f} mm in the median if their errors are "
-        f"independent; results lie in {out}",
-        soft_wrap=True,
-    )
+    console.print(f"{report['in short']}; results lie in {out}", soft_wrap=True)
 
 
 def _drift_in_words(drift: str | dict[str, float]) -> str:

@@ -128,7 +128,7 @@ def fuse_sequence(
             frame if not given, with the first frame as the world.
         settings: defaults if not given.
         kept: where depths are kept for a run that is resumed; nowhere if not given.
-        observe: told the `Fusion`, then a `FusedFrame` after each frame.
+        observe: told the `Fusion`, a `FusedFrame` after each frame, and the `FusedSurface`.
 
     Raises:
         ValueError: if a frame cannot be read, matched or placed, or no surface is found.
@@ -158,6 +158,7 @@ def fuse_sequence(
             f"{fusion.farthest_m(looks[0].noise):.2f} m; do the poses belong to these frames, and "
             "are they in metres?"
         )
+    observe("surface", surface)
     looped = poses is None and len(frames) >= SHORTEST_LOOP
     return FusedSequence(
         surface=surface,

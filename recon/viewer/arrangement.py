@@ -38,16 +38,17 @@ def eye_before(point: tuple[float, float, float]) -> rrb.EyeControls3D:
     )
 
 
-def panels(timeline: str) -> tuple[rrb.BlueprintPart, ...]:
+def panels(timeline: str, fps: float = 1.0) -> tuple[rrb.BlueprintPart, ...]:
     """Return the panels around the views: out of the way, one click from open.
 
     Args:
         timeline: that is shown first.
+        fps: how many of its steps are played in a second.
     """
     return (
         rrb.BlueprintPanel(state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),
-        rrb.TimePanel(state="collapsed", timeline=timeline),
+        rrb.TimePanel(state="collapsed", timeline=timeline, fps=fps),
     )
 
 

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import time
 import uuid
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from pathlib import Path
 from types import TracebackType
 from typing import Any, Literal, TypeGuard
 
@@ -16,6 +16,7 @@ import rerun as rr
 
 from calib.pair import RectifiedPair
 from recon.colours import colour_range
+from recon.files import atomic
 from recon.types import Array, CostVolume, DisparityMap, Mesh, PointCloud
 from recon.viewer.arrangement import HISTOGRAMS, STAGES, SUMMARY, TIMELINE, arranged
 from recon.viewer.charts import histogram
@@ -76,8 +77,7 @@ class RerunObserver:
         """
         self.page: Page | None = None
         self._limits = limits or Limits()
-        self._target = None if save is None else Path(save)
-        self._partial: Path | None = None
+        self._file = contextlib.ExitStack()
         self._live = show != "nothing"
         self._open = self._live or save is not None
         self._drawn: dict[str, type] = {}
@@ -93,21 +93,21 @@ class RerunObserver:
         self._arranged: tuple[str, ...] = ()
         self._curves = CurveKeeper(probes)
         if self._open:
-            self._start(show, port, open_browser)
+            self._start(save, show, port, open_browser)
 
-    def _start(self, show: str, port: int | None, open_browser: bool) -> None:
+    def _start(
+        self,
+        save: str | os.PathLike[str] | None,
+        show: str,
+        port: int | None,
+        open_browser: bool,
+    ) -> None:
         """Connect the recording to its file and its viewer."""
         self._recording = rr.RecordingStream(APPLICATION, recording_id=uuid.uuid4())
         self._recording.set_log_time_enabled(False)
         sinks: list[rr.FileSink | rr.GrpcSink | rr.GrpcServerSink] = []
-        if self._target is not None:
-            folder = self._target.parent
-            if not folder.is_dir():
-                raise FileNotFoundError(
-                    f"cannot record to {self._target}: folder {folder} does not exist"
-                )
-            self._partial = self._target.with_name(f".{uuid.uuid4().hex}.part")
-            sinks.append(rr.FileSink(self._partial))
+        if save is not None:
+            sinks.append(rr.FileSink(self._file.enter_context(atomic(save))))
         if show == "window":
             rr.spawn(port=WINDOW_PORT, connect=False)
             sinks.append(rr.GrpcSink(f"rerun+http://127.0.0.1:{WINDOW_PORT}/proxy"))
@@ -115,6 +115,7 @@ class RerunObserver:
             self.page = open_page(port=port, open_browser=open_browser)
             sinks.append(rr.GrpcSink(self.page.data))
         self._recording.set_sinks(*sinks)
+        self._file.callback(self._end)
         self._recording.log("/", rr.ViewCoordinates.RDF, static=True)
         self._recording.log("/", CLASSES, static=True)
         if self._live:
@@ -250,24 +251,16 @@ class RerunObserver:
         probes = [path for path in charts if any(at.startswith(path) for at in self._drawn)]
         self._recording.send_blueprint(arranged(self._drawn, self._focus, probes))
 
-    def close(self, *, keep: bool = True) -> None:
-        """End the recording and give it its name.
+    def close(self) -> None:
+        """End the recording and give it its name."""
+        self.__exit__(None, None, None)
 
-        Args:
-            keep: whether the file should remain.
-        """
-        if not self._open:
-            return
+    def _end(self) -> None:
+        """Arrange the windows, and write what is not written yet."""
         self._open = False
-        try:
-            self._arrange()
-            self._recording.flush()
-            self._recording.disconnect()
-            if keep and self._target is not None and self._partial is not None:
-                self._partial.replace(self._target)
-        finally:
-            if self._partial is not None:
-                self._partial.unlink(missing_ok=True)
+        self._arrange()
+        self._recording.flush()
+        self._recording.disconnect()
 
     def __enter__(self) -> RerunObserver:
         return self
@@ -278,7 +271,7 @@ class RerunObserver:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        self.close(keep=kind is None)
+        self._file.__exit__(kind, error, trace)
 
 
 def _middle(places: Array) -> tuple[float, float, float]:

@@ -16,6 +16,7 @@ from calib.pair import Image
 from calib.pose import Pose
 from recon.files import atomic
 from recon.types import Array
+from recon.viewer.arrangement import panels
 
 __all__ = ["record_rig"]
 
@@ -184,7 +185,5 @@ def _blueprint(estimate: RigEstimate) -> rrb.Blueprint:
             ),
             column_shares=[1, 1],
         ),
-        rrb.TimePanel(state="collapsed", timeline=TIMELINE),
-        rrb.SelectionPanel(state="collapsed"),
-        rrb.BlueprintPanel(state="collapsed"),
+        *panels(TIMELINE),
     )

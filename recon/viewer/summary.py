@@ -9,7 +9,8 @@ from recon.viewer.probing import Probe
 
 __all__ = ["as_markdown", "summary"]
 
-SANITY = "metric sanity"
+HEADLINES = ("metric sanity", "in short")
+"""Of a pair and of a sequence: what is read first."""
 LATER = ("settings", "seconds", "geometry", "rectification", "inputs", "versions")
 """Long tables, in this order and below the short ones."""
 
@@ -24,13 +25,13 @@ def summary(
         notes: what this recording leaves out.
         probes: the pixels whose costs are shown.
     """
-    parts = [f"**{report[SANITY]}**"] if SANITY in report else []
+    parts = [f"**{report[name]}**" for name in HEADLINES if name in report]
     left_out = [f"- {note}" for note in notes] or ["- nothing was left out"]
     parts += ["## In this recording", "\n".join(left_out)]
     shown = [f"- **{probe.name}** at ({probe.x}, {probe.y}): {probe.why}" for probe in probes]
     if shown:
         parts += ["## Probed pixels of the left view (column, row)", "\n".join(shown)]
-    rest = {name: value for name, value in report.items() if name != SANITY}
+    rest = {name: value for name, value in report.items() if name not in HEADLINES}
     if rest:
         parts += ["## Run", as_markdown(rest)]
     return "\n\n".join(parts)

@@ -10,11 +10,13 @@ import numpy as np
 from torch import Tensor
 
 from calib.pair import RectifiedPair
+from recon.fusion import FusedSurface
 from recon.types import Array, Mesh, PointCloud
 
 __all__ = [
     "Limits",
     "as_numpy",
+    "clustered_surface",
     "left_out",
     "thinned_image",
     "thinned_mesh",
@@ -22,6 +24,8 @@ __all__ = [
     "thinned_points",
     "thinning_step",
 ]
+
+CLUSTER_GROWTH = 1.1
 
 
 @dataclass(frozen=True)
@@ -138,6 +142,54 @@ def thinned_mesh(mesh: Mesh, max_faces: int) -> Mesh:
         texture=mesh.texture,
         colours=mesh.colours[used],
         normals=mesh.normals[used],
+    )
+
+
+def clustered_surface(surface: FusedSurface, max_faces: int) -> FusedSurface:
+    """Return a coarser surface, or the surface if it is small.
+
+    The vertices in a cube become one, their mean; what collapses vanishes. A surface of area A
+    has about 2 A / c^2 faces in cubes of side c; they are widened until few enough remain.
+
+    Source: Rossignac & Borrel, Modeling in Computer Graphics 1993 (vertex clustering).
+
+    Args:
+        surface: F faces.
+        max_faces: how many may remain.
+    """
+    corners = surface.vertices[surface.faces].astype(np.float64)
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    area = float(np.linalg.norm(normals, axis=1).sum()) / 2
+    side_m, coarser = math.sqrt(2 * area / max_faces), surface
+    while len(coarser.faces) > max_faces:
+        coarser, side_m = _clustered(surface, side_m), CLUSTER_GROWTH * side_m
+    return coarser
+
+
+def _clustered(surface: FusedSurface, side_m: float) -> FusedSurface:
+    """Return a surface with one vertex for every cube that holds some."""
+    cubes = np.floor(surface.vertices / side_m).astype(np.int64)
+    _, cluster, count = np.unique(cubes, axis=0, return_inverse=True, return_counts=True)
+    cluster = cluster.reshape(-1)
+
+    def mean(values: Array) -> Array:
+        columns = values.reshape(len(values), -1).astype(np.float64).T
+        sums = np.stack([np.bincount(cluster, column) for column in columns], axis=-1)
+        means: Array = (sums / count[:, None]).reshape(-1, *values.shape[1:])
+        return means.astype(values.dtype)
+
+    faces = cluster[surface.faces]
+    whole = (faces != np.roll(faces, 1, axis=1)).all(axis=1)
+    normals = mean(surface.normals)
+    length = np.linalg.norm(normals, axis=1, keepdims=True)
+    return FusedSurface(
+        mean(surface.vertices),
+        np.unique(faces[whole], axis=0).astype(np.int32),
+        normals / np.maximum(length, 1e-9),
+        mean(surface.colours),
+        mean(surface.sigma_m),
+        mean(surface.views),
+        mean(surface.trust),
     )
 
 

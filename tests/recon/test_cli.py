@@ -405,7 +405,9 @@ class TestSuccess:
         main([*words(folder, out), "--recording", "serve", "--port", "9100"])
 
         assert there == [False, True]
-        assert "showing at http://127.0.0.1:9090; press Ctrl-C to end" in capsys.readouterr().out
+        said = capsys.readouterr().out
+        assert "showing at http://127.0.0.1:9090\n" in said
+        assert said.index("showing at") < said.index("matching_cost") < said.index("press Ctrl-C")
 
     @pytest.mark.parametrize(
         ("more", "said"),
@@ -515,10 +517,11 @@ class TestView:
             stderr=subprocess.PIPE,
             text=True,
         )
-        url = re.search(r"http://\S+(?=;)", served.stdout.readline()).group()
+        url = re.search(r"http://\S+", served.stdout.readline()).group()
         with urllib.request.urlopen(url, timeout=20) as page:
             assert b"<html" in page.read()
         served.stdout.readline()
+        assert served.stdout.readline() == "press Ctrl-C to end the page\n"
 
         served.send_signal(signal.SIGINT)
 

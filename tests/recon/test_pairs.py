@@ -149,7 +149,7 @@ class TestRawOrRectified:
         assert rectified.notes == raw.notes == ()
 
     def test_what_the_calibration_lacks_is_refused(self, folder):
-        with pytest.raises(ValueError, match=r"describes rectified images .* said to be raw; "):
+        with pytest.raises(ValueError, match=r"describes rectified images .* nothing to rectify; "):
             read(folder, rectified=False)
         write_calibration(folder / "rig.json", raw_rig((200, 100)))
         with pytest.raises(ValueError, match=r"describes raw images .* said to be rectified; "):

@@ -189,6 +189,13 @@ def test_the_results_of_depths_are_exact_and_the_recording_has_a_timeline(depths
     off = off_surface(there, in_view(cloud.points, walk.poses[2]))
     assert np.median(off) < 0.003
     schema = RrdReader(tmp_path / "out" / "recording.rrd").store().schema()
-    drawn = {"/world/model", "/world/camera", "/world/camera/image", "/depth", "/run"}
+    drawn = {
+        "/world/model",
+        "/world/mesh",
+        "/world/camera",
+        "/world/camera/photograph",
+        "/world/camera/depth",
+        "/summary",
+    }
     assert drawn <= set(schema.entity_paths())
     assert (tmp_path / "out" / "recording.rrd").stat().st_size < 10e6

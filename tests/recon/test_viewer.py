@@ -253,7 +253,7 @@ def test_an_observer_that_shows_nothing_draws_nothing():
 
 
 def test_a_missing_folder_is_named(tmp_path):
-    with pytest.raises(FileNotFoundError, match=r"cannot record to .*a\.rrd: folder .* does not"):
+    with pytest.raises(FileNotFoundError, match=r"cannot write .*a\.rrd: folder .* does not"):
         RerunObserver(save=tmp_path / "nowhere" / "a.rrd")
 
 
