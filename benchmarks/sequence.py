@@ -223,7 +223,7 @@ def generated(out: Path) -> None:
         pose, there = poses[number], seen_from(scene, poses[number])
         view = source.view(source.see(frames[number]), Pose.identity())
         cast = depth_seen(fused.surface, view, pose)
-        used = (view.trust >= fused.fusion.min_trust) & (view.depth <= fused.farthest_m)
+        used = fused.fusion.solid(view)
         used &= np.isfinite(cast)
         alone = off_surface(there, view.positions(used))
         together = off_surface(there, replace(view, depth=cast).positions(used))

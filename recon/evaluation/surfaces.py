@@ -55,7 +55,7 @@ class SurfaceMeasures:
     hit: float
 
 
-def surface_measures(mesh: Mesh, truth: TrueSurface, sigma_px: float) -> SurfaceMeasures:
+def surface_measures(mesh: Mesh, truth: TrueSurface, sigma_px: float | Array) -> SurfaceMeasures:
     """Compare a mesh with the true surface, both ways.
 
     From the mesh: every ray through a pixel that meets it asks, at the first
@@ -68,7 +68,8 @@ def surface_measures(mesh: Mesh, truth: TrueSurface, sigma_px: float) -> Surface
     Args:
         mesh: in the frame of the left rectified camera, not without faces.
         truth: of the same pair.
-        sigma_px: standard deviation of a disparity, which sets sigma_z.
+        sigma_px: standard deviation of the disparities, which sets sigma_z; one for all, or (H, W)
+            as pixels state it, where those that state none, NaN, count as the median one.
 
     Raises:
         ImportError: if open3d lacks a system library.
@@ -82,10 +83,11 @@ def surface_measures(mesh: Mesh, truth: TrueSurface, sigma_px: float) -> Surface
     hits = first_hits(mesh, truth.geometry)
     met = np.isfinite(hits[..., 2])
     off = _distances(hits[met], *whole)
-    sigma = depth_sigma(hits[met][:, 2], truth.geometry, sigma_px)
+    stated = np.broadcast_to(np.nan_to_num(sigma_px, nan=np.nanmedian(sigma_px)), depth.shape)
+    sigma = depth_sigma(hits[met][:, 2], truth.geometry, stated[met])
     seen = truth.visible & used
     missed = _distances(positions(depth, seen, truth.geometry), mesh.vertices, mesh.faces)
-    allowed = COMPLETE_SIGMA * depth_sigma(depth[seen], truth.geometry, sigma_px)
+    allowed = COMPLETE_SIGMA * depth_sigma(depth[seen], truth.geometry, stated[seen])
     return SurfaceMeasures(
         median_sigma=float(np.median(off / sigma)),
         p95_sigma=float(np.percentile(off / sigma, 95)),

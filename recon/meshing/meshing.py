@@ -20,6 +20,10 @@ __all__ = ["Meshing"]
 BORDER_PX = 0.5
 """How much of a border may be cut off: its steps from pixel to pixel become straighter lines."""
 
+SIGMAS_PX = (0.1, 1.0)
+"""What is taken for less or more by decimation. Finer ones would keep the noise of surfaces that
+are sure, and coarser ones would let a surface that is not pass beyond a depth edge."""
+
 SHIFT_PX = 0.5
 """How far the texture may slide on a slanted triangle, which shows it in the wrong perspective."""
 
@@ -119,11 +123,17 @@ class Meshing:
         few = simplified(
             disparity.values - np.float32(pair.geometry.disparity_at_infinity),
             faces,
-            tolerance=self.decimation_sigma * self.points.disparity_sigma_px,
+            tolerance=self.decimation_sigma * self._bounded_sigma(disparity),
             border=BORDER_PX,
             shift=SHIFT_PX,
         )
         return _mesh_of(few, depth, normals, pair), dense
+
+    def _bounded_sigma(self, disparity: DisparityMap[Array]) -> Array:
+        """Return the standard deviations of the disparities (H, W) as decimation takes them."""
+        least, most = SIGMAS_PX
+        bounded: Array = np.clip(self.points.disparity_sigma(disparity), least, most)
+        return bounded
 
 
 def _mesh_of(faces: Array, depth: Array, normals: Array, pair: RectifiedPair) -> Mesh:

@@ -20,7 +20,8 @@ from recon.sequence.sources import DepthSource
 
 __all__ = ["FusedFrame", "FusedSequence", "SequenceSettings", "fuse_sequence"]
 
-VOXELS_PER_SIGMA = 4.0
+VOXELS_PER_SIGMA = 1.5
+"""With a truncation of 6 voxels, errors of four standard deviations of the median are averaged."""
 PIXELS_PER_VOXEL = 1.5
 SHORTEST_LOOP = 3
 
@@ -30,11 +31,11 @@ class SequenceSettings:
     """How a sequence is fused; see `recon.fusion.Fusion`. What is None is chosen from the data.
 
     Attributes:
-        voxel_m: side of a voxel; None takes 1.5 widths of a pixel at the median depth, or a
-            quarter of the standard deviation of that depth if that is more, as finer ones would
-            hold noise.
-        max_depth_m: depths beyond make no surface; None means where their standard deviation
-            reaches twice the truncation.
+        voxel_m: side of a voxel; None takes 1.5 widths of a pixel at the median depth, or two
+            thirds of the median standard deviation of the depths if that is more, as finer ones
+            would hold noise.
+        max_depth_m: depths beyond make no surface; None means those whose standard deviation
+            exceeds the truncation.
         min_trust: depths less likely to be right are left out.
         min_views: fewest views that must see a surface.
         truncation_voxels: how far around a surface it counts.
@@ -88,7 +89,7 @@ class FusedSequence:
         trajectory: where the camera of the files stood.
         world_from_first: pose of the first view, rectified.
         fusion: the settings, chosen ones included.
-        farthest_m: depths beyond made no surface.
+        farthest_m: depths beyond made no surface, in the median pixel of the first view.
         blocks: of voxels in memory at the end.
         steps: how the frames after the first were placed, empty if poses were given.
         drift: what the last frame says of it; None if it does not see what the first saw, or if
@@ -155,7 +156,7 @@ def fuse_sequence(
     if not len(surface.faces):
         raise ValueError(
             f"no surface was found: nowhere do {fusion.min_views} frames agree on depths up to "
-            f"{fusion.farthest_m(looks[0].noise):.2f} m; do the poses belong to these frames, and "
+            f"{fusion.farthest_m(looks[0]):.2f} m; do the poses belong to these frames, and "
             "are they in metres?"
         )
     looped = poses is None and len(frames) >= SHORTEST_LOOP
@@ -168,7 +169,7 @@ def fuse_sequence(
         ),
         world_from_first=first.view.world_from_camera,
         fusion=fusion,
-        farthest_m=fusion.farthest_m(looks[0].noise),
+        farthest_m=fusion.farthest_m(looks[0]),
         blocks=volume.blocks,
         steps=tuple(step for step in steps if step is not None),
         drift=drift_between(first.view, frame.view) if looped else None,
@@ -178,9 +179,9 @@ def fuse_sequence(
 
 def _fitting_voxel(views: Sequence[DepthView], min_trust: float) -> float:
     """Return the side of a voxel that suits the median depth, metres, of two digits."""
-    trusted = [view.depth[view.trust >= min_trust] for view in views]
-    depths = np.concatenate(trusted)
-    depths = depths[np.isfinite(depths)]
+    trusted = [np.isfinite(view.depth) & (view.trust >= min_trust) for view in views]
+    depths = np.concatenate([v.depth[seen] for v, seen in zip(views, trusted, strict=True)])
+    sigmas = np.concatenate([v.sigma_m[seen] for v, seen in zip(views, trusted, strict=True)])
     if not len(depths):
         raise ValueError(
             f"no depth of the first, the middle and the last frame is trusted to {min_trust:.0%}: "
@@ -189,8 +190,7 @@ def _fitting_voxel(views: Sequence[DepthView], min_trust: float) -> float:
     median = float(np.median(depths))
     view = views[0]
     pixel_m = PIXELS_PER_VOXEL * median / min(view.K[0, 0], view.K[1, 1])
-    sigma_m = float(view.noise.sigma_m(np.float64(median)))
-    return _two_digits(max(pixel_m, sigma_m / VOXELS_PER_SIGMA))
+    return _two_digits(max(pixel_m, float(np.median(sigmas)) / VOXELS_PER_SIGMA))
 
 
 def _two_digits(value: float) -> float:

@@ -157,7 +157,8 @@ def test_depths_are_read_in_their_unit(tmp_path):
 def test_a_kept_frame_is_read_as_it_was_and_a_damaged_one_is_not(tmp_path):
     kept = KeptFrames(tmp_path / "kept")
     depth = np.array([[1.5, np.nan]], np.float32)
-    frame = SeenFrame(depth, np.array([[255, 0]], np.uint8), np.zeros((1, 2, 3), np.uint8))
+    times = np.array([[0.25, np.nan]], np.float16)
+    frame = SeenFrame(depth, np.array([[255, 0]], np.uint8), np.zeros((1, 2, 3), np.uint8), times)
 
     kept.put("one", frame)
     kept.put("two", frame)
@@ -165,6 +166,7 @@ def test_a_kept_frame_is_read_as_it_was_and_a_damaged_one_is_not(tmp_path):
     read = kept.get("one")
     np.testing.assert_array_equal(read.depth, depth)
     np.testing.assert_array_equal(read.trust, frame.trust)
+    np.testing.assert_array_equal(read.noise_times, times)
     assert kept.get("three") is None
     (tmp_path / "kept" / "one.npz").write_bytes(b"PK\x03\x04 cut off")
     assert kept.get("one") is None
@@ -191,7 +193,7 @@ def test_the_voxel_follows_the_pixel_or_the_error_whichever_is_larger():
         return SequenceSettings().fusion_for([view], 1).voxel_m
 
     assert voxel(DepthNoise(0.001, 0.0)) == pytest.approx(0.06)
-    assert voxel(DepthNoise(0.4, 0.0)) == pytest.approx(0.1)
+    assert voxel(DepthNoise(0.15, 0.0)) == pytest.approx(0.1)
 
 
 @pytest.mark.parametrize(
