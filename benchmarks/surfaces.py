@@ -28,7 +28,7 @@ import torch
 
 from calib.pair import RectifiedPair
 from calib.rig import RectifiedGeometry
-from recon.evaluation.surfaces import TrueSurface, first_hits, surface_measures
+from recon.evaluation.surfaces import TrueSurface, surface_distances
 from recon.meshing import Meshing
 from recon.pairs import read_pair
 from recon.settings import Preset, load_preset
@@ -176,9 +176,9 @@ def measure(name: str, preset: Preset, scenes: list[Known], *, watertight: bool)
             start = time.process_time()
             mesh = mesh_it()
             seconds = time.process_time() - start
-            found = surface_measures(mesh, known.truth, sigma_px)
-            even = surface_measures(mesh, known.truth, EVEN_PX)
-            missed = np.isnan(first_hits(mesh, known.pair.geometry)[..., 2])
+            distances = surface_distances(mesh, known.truth)
+            found, even = distances.in_sigmas(sigma_px), distances.in_sigmas(EVEN_PX)
+            missed = np.isnan(distances.hit_m)
             if open_in_full is None:
                 open_in_full, faces = missed, len(mesh.faces)
             beyond = float((open_in_full & ~missed).mean())

@@ -91,11 +91,8 @@ class Fusion:
         return trusted & (view.sigma_m <= FARTHEST * self.truncation_m)
 
     def farthest_m(self, view: DepthView) -> float:
-        """Return the greatest depth that makes a surface in the median pixel of a view."""
-        if self.max_depth_m is not None:
-            return self.max_depth_m
-        times = 1.0 if view.noise_times is None else float(np.nanmedian(view.noise_times))
-        return view.noise.depth_with(FARTHEST * self.truncation_m / times)
+        """Return the greatest depth of a view that makes a surface, 0 if none does."""
+        return float(np.max(view.depth, where=self.solid(view), initial=0.0))
 
     def for_views(self, count: int) -> Fusion:
         """Return settings that `count` views can meet."""
@@ -169,7 +166,7 @@ class Volume:
                 [
                     self.settings.voxel_m,
                     self.settings.truncation_m,
-                    np.max(view.depth, where=solid, initial=0.0),
+                    self.settings.farthest_m(view),
                 ],
                 np.float64,
             ),

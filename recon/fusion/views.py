@@ -42,13 +42,6 @@ class DepthNoise:
         sigma: Array = self.base_m + self.growth_per_m * np.square(depth - self.nearest_m)
         return sigma
 
-    def depth_with(self, sigma_m: float) -> float:
-        """Return the depth at which the standard deviation reaches `sigma_m`, metres."""
-        if self.growth_per_m == 0:
-            return float("inf")
-        beyond = max(0.0, sigma_m - self.base_m) / self.growth_per_m
-        return self.nearest_m + float(np.sqrt(beyond))
-
 
 KINECT_NOISE = DepthNoise(0.0012, 0.0019, 0.4)
 """Of structured light: Nguyen, Izadi & Lovell, 3DIMPVT 2012, section 3 (axial noise)."""

@@ -89,7 +89,8 @@ class FusedSequence:
         trajectory: where the camera of the files stood.
         world_from_first: pose of the first view, rectified.
         fusion: the settings, chosen ones included.
-        farthest_m: depths beyond made no surface, in the median pixel of the first view.
+        farthest_m: the greatest depth of the first, the middle and the last view that made a
+            surface.
         blocks: of voxels in memory at the end.
         steps: how the frames after the first were placed, empty if poses were given.
         drift: what the last frame says of it; None if it does not see what the first saw, or if
@@ -140,6 +141,7 @@ def fuse_sequence(
     few = sorted({0, len(frames) // 2, len(frames) - 1})
     looks = [source.view(sight(frames[place])[0], Pose.identity()) for place in few]
     fusion = (settings or SequenceSettings()).fusion_for(looks, len(frames))
+    farthest_m = max(fusion.farthest_m(view) for view in looks)
     observe("fusion", fusion)
 
     volume, log = Volume(fusion), []
@@ -156,7 +158,7 @@ def fuse_sequence(
     if not len(surface.faces):
         raise ValueError(
             f"no surface was found: nowhere do {fusion.min_views} frames agree on depths up to "
-            f"{fusion.farthest_m(looks[0]):.2f} m; do the poses belong to these frames, and "
+            f"{farthest_m:.2f} m; do the poses belong to these frames, and "
             "are they in metres?"
         )
     looped = poses is None and len(frames) >= SHORTEST_LOOP
@@ -169,7 +171,7 @@ def fuse_sequence(
         ),
         world_from_first=first.view.world_from_camera,
         fusion=fusion,
-        farthest_m=fusion.farthest_m(looks[0]),
+        farthest_m=farthest_m,
         blocks=volume.blocks,
         steps=tuple(step for step in steps if step is not None),
         drift=drift_between(first.view, frame.view) if looped else None,
