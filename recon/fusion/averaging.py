@@ -147,16 +147,14 @@ class Volume:
             return
         pose = view.world_from_camera.inverse()
         fx, fy, cx, cy = view.K[0, 0], view.K[1, 1], view.K[0, 2], view.K[1, 2]
-        noise, times = view.noise, view.noise_times
-        if times is None:
-            times = np.ones(depth.shape, np.float32)
+        noise = view.noise
         average_in(
             self._field(),
             (active[seen], places[seen]),
             (
                 depth,
                 view.trust.astype(np.float32),
-                times.astype(np.float32),
+                view.times,
                 solid,
                 view.image.astype(np.float32),
             ),

@@ -97,10 +97,17 @@ class DepthView:
             raise ValueError(f"K must be (3, 3), got {self.K.shape}")
 
     @property
+    def times(self) -> Array:
+        """(H, W) float32, how many times `noise` the depth of each pixel errs."""
+        if self.noise_times is None:
+            return np.ones(self.depth.shape, np.float32)
+        return self.noise_times.astype(np.float32, copy=False)
+
+    @property
     def sigma_m(self) -> Array:
         """(H, W) standard deviation of every depth, metres; NaN where there is none."""
-        sigma = self.noise.sigma_m(self.depth.astype(np.float64))
-        return sigma if self.noise_times is None else sigma * self.noise_times
+        sigma: Array = self.noise.sigma_m(self.depth.astype(np.float64)) * self.times
+        return sigma
 
     def positions(self, pixels: Array) -> Array:
         """Return where pixels lie in the world.

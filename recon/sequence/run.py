@@ -20,9 +20,11 @@ from recon.sequence.sources import DepthSource
 
 __all__ = ["FusedFrame", "FusedSequence", "SequenceSettings", "fuse_sequence"]
 
-VOXELS_PER_SIGMA = 1.5
-"""With a truncation of 6 voxels, errors of four standard deviations of the median are averaged."""
+VOXELS_PER_SIGMA = 2.0
+"""With a truncation of 6 voxels, errors of up to three standard deviations are averaged."""
 PIXELS_PER_VOXEL = 1.5
+VOXELS_ACROSS = 400
+"""Memory of a surface as wide as what a view sees goes with the square of it."""
 SHORTEST_LOOP = 3
 
 
@@ -31,9 +33,10 @@ class SequenceSettings:
     """How a sequence is fused; see `recon.fusion.Fusion`. What is None is chosen from the data.
 
     Attributes:
-        voxel_m: side of a voxel; None takes 1.5 widths of a pixel at the median depth, or two
-            thirds of the median standard deviation of the depths if that is more, as finer ones
-            would hold noise.
+        voxel_m: side of a voxel; None takes 1.5 widths of a pixel at the median depth, or if that
+            is more, half the standard deviation there of pixels that weigh as much as the mean one
+            (finer ones would hold noise), or 1/400 of what a view sees there from side to side
+            (finer ones take memory).
         max_depth_m: depths beyond make no surface; None means those whose standard deviation
             exceeds the truncation.
         min_trust: depths less likely to be right are left out.
@@ -183,16 +186,20 @@ def _fitting_voxel(views: Sequence[DepthView], min_trust: float) -> float:
     """Return the side of a voxel that suits the median depth, metres, of two digits."""
     trusted = [np.isfinite(view.depth) & (view.trust >= min_trust) for view in views]
     depths = np.concatenate([v.depth[seen] for v, seen in zip(views, trusted, strict=True)])
-    sigmas = np.concatenate([v.sigma_m[seen] for v, seen in zip(views, trusted, strict=True)])
     if not len(depths):
         raise ValueError(
             f"no depth of the first, the middle and the last frame is trusted to {min_trust:.0%}: "
             "is it too dark, or are the views not of the same moment?"
         )
-    median = float(np.median(depths))
-    view = views[0]
-    pixel_m = PIXELS_PER_VOXEL * median / min(view.K[0, 0], view.K[1, 1])
-    return _two_digits(max(pixel_m, float(np.median(sigmas)) / VOXELS_PER_SIGMA))
+    times = np.concatenate([v.times[seen] for v, seen in zip(views, trusted, strict=True)])
+    median, view = float(np.median(depths)), views[0]
+    pixel_m = median / min(view.K[0, 0], view.K[1, 1])
+    across_m = median / view.K[0, 0] * view.depth.shape[1]
+    weights = np.square(times.astype(np.float64)) ** -1
+    sigma_m = float(view.noise.sigma_m(np.float64(median))) / math.sqrt(weights.mean())
+    return _two_digits(
+        max(PIXELS_PER_VOXEL * pixel_m, sigma_m / VOXELS_PER_SIGMA, across_m / VOXELS_ACROSS)
+    )
 
 
 def _two_digits(value: float) -> float:
