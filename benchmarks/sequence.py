@@ -24,11 +24,18 @@ import numpy as np
 
 from calib import Pose, RectifiedGeometry, write_calibration
 from calib.formats import CalibrationRecord
-from calib.trajectories import Trajectory, write_trajectory
+from calib.trajectories import Trajectory, read_trajectory, write_trajectory
 from recon.files import read_ply, write_image
 from recon.fusion import DepthView, FusedSurface
 from recon.open3d_library import loaded_open3d
-from recon.sequence import StereoSource, find_pairs, fuse_sequence
+from recon.sequence import (
+    RgbdSource,
+    StereoSource,
+    find_depth_frames,
+    find_pairs,
+    fuse_sequence,
+    poses_of_frames,
+)
 from recon.sequence.sources import looked_at_first
 from recon.settings import load_preset
 from recon.training.composition import View
@@ -42,6 +49,7 @@ BOARD = "calibration/charuco-wideangle"
 TARGET = "charuco:31x16:49.33mm:38.46mm:DICT_4X4_1000"
 BOARD_M = (31 * 0.04933, 16 * 0.04933)
 MARGIN_M = 0.05
+FEWEST = 1000
 ROOM_INTRINSICS = ("518", "519", "325.5", "253.5")
 SEEN = View(width=360, height=270, focal_px=380.0, baseline_m=0.14)
 STEPS = 8
@@ -151,11 +159,35 @@ def room(datasets: Path, out: Path) -> None:
         *("--poses", str(folder / "pose.txt"), "-o", str(out)),
     )
     print(f"room: {wall:.0f} s, {used:.0f} s of all processors, peak {peak:.2f} GB")
-    say_plane(out)
+    plane, band = say_plane(out)
+    frames = find_depth_frames(folder)
+    poses, _ = poses_of_frames(read_trajectory(folder / "pose.txt"), frames)
+    fx, fy, cx, cy = (float(value) for value in ROOM_INTRINSICS)
+    source = RgbdSource.of((fx, fy, cx, cy), 0.001)
+    for frame, pose in zip(frames, poses, strict=True):
+        say_frame(frame.name, source.view(source.see(frame), pose), plane, band)
 
 
-def say_plane(out: Path) -> None:
-    """Print how flat the largest plane of a cloud is."""
+def say_frame(name: str, view: DepthView, plane: Array, band: float) -> None:
+    """Print where one view alone, placed by its pose, has a plane (a, b, c, d), and how flat."""
+    places = view.positions(np.isfinite(view.depth))
+    off = places @ plane[:3] + plane[3]
+    near = np.abs(off) < 2 * band
+    if near.sum() < FEWEST:
+        return
+    there = places[near] - places[near].mean(axis=0)
+    own = np.linalg.eigh(there.T @ there)[1][:, 0]
+    tilt = np.degrees(np.arccos(min(1.0, abs(float(own @ plane[:3])))))
+    print(
+        f"  frame {name}: {near.sum():,} depths within {2000 * band:.0f} mm of it, in the median "
+        f"{np.median(off[near]) * 1000:+.1f} mm off, its own plane tilted by {tilt:.2f} degrees "
+        f"and flat to {spread(there @ own) * 1000:.1f} mm; stated sigma of one view "
+        f"{np.median(view.sigma_m[np.isfinite(view.depth)][near]) * 1000:.1f} mm"
+    )
+
+
+def say_plane(out: Path) -> tuple[Array, float]:
+    """Print how flat the largest plane of a cloud is; return it and how near to it points count."""
     cloud = read_ply(out / "cloud.ply")
     o3d = loaded_open3d()
     points = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(cloud.points.astype(np.float64)))
@@ -166,6 +198,7 @@ def say_plane(out: Path) -> None:
     facing = np.abs(cloud.normals @ np.array(normal)) > 0.8
     near = facing & (np.abs(off) < 2 * band)  # wider than the fit, so that tails count
     say_flat("largest plane", off[near], cloud.depth_sigma_m[near])
+    return np.array([*normal, offset]), band
 
 
 def board(datasets: Path, out: Path) -> None:
@@ -233,7 +266,7 @@ def generated(out: Path) -> None:
         pose, there = poses[number], seen_from(scene, poses[number])
         view = source.view(source.see(frames[number]), Pose.identity())
         cast = depth_seen(fused.surface, view, pose)
-        used = (view.trust >= fused.fusion.min_trust) & (view.depth <= fused.farthest_m)
+        used = fused.fusion.solid(view)
         used &= np.isfinite(cast)
         alone = off_surface(there, view.positions(used))
         together = off_surface(there, replace(view, depth=cast).positions(used))

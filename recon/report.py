@@ -61,10 +61,12 @@ def run_report(
         metric: whether lengths are metres; otherwise the baseline is 1.
     """
     geometry = result.pair.geometry
-    sigma_px = preset.triangulation.disparity_sigma_px
+    sigma_px = preset.triangulation.disparity_sigma(result.disparity)
+    low, sigma_median, high = _outer_twentieths(sigma_px)
     return {
         "units": UNITS if metric else UNITS_WITHOUT_CALIBRATION,
-        "metric sanity": sanity_line(geometry, result.depth, sigma_px, metric=metric),
+        "metric sanity": sanity_line(geometry, result.depth, sigma_median, metric=metric),
+        "sigma of disparities px": {"5 %": low, "median": sigma_median, "95 %": high},
         "disparities": {"from": result.disparities[0], "to": result.disparities[-1]},
         "pixels per status": status_counts(result.disparity.status),
         "points": len(result.cloud),
@@ -76,6 +78,15 @@ def run_report(
         "settings": spelled_out(preset),
         "versions": versions(),
     }
+
+
+def _outer_twentieths(values: Array) -> tuple[float, float, float]:
+    """Return what 5, 50 and 95 % of the values, NaN left out, are below; zeros of none."""
+    known = values[np.isfinite(values)]
+    if not len(known):
+        return 0.0, 0.0, 0.0
+    low, median, high = (round(float(value), 4) for value in np.percentile(known, [5, 50, 95]))
+    return low, median, high
 
 
 def removals_of(removals: Sequence[Removal]) -> list[dict[str, Any]]:
@@ -110,7 +121,7 @@ def sanity_line(
     Args:
         geometry: of the pair.
         depth: (H, W) metres, NaN where there is none.
-        disparity_sigma_px: standard deviation of a disparity.
+        disparity_sigma_px: standard deviation of a disparity, that of the median pixel.
         metric: whether lengths are metres; otherwise the baseline is 1.
     """
     unit = "m" if metric else "baselines"
@@ -126,5 +137,5 @@ def sanity_line(
     expected = f"{sigma * 1000:.1f} mm" if metric else f"{sigma:.3f} {unit}"
     return (
         f"{start}; depth {near:.2f} to {far:.2f} {unit} (1 to 99 %), median {median:.2f} {unit}; "
-        f"expected sigma_z there {expected} ({disparity_sigma_px:g} px)"
+        f"expected sigma_z there {expected} ({disparity_sigma_px:.3g} px)"
     )

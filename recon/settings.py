@@ -20,6 +20,7 @@ from recon.aggregation import AGGREGATIONS
 from recon.cloud_filters import CloudFilters
 from recon.coarse_to_fine import CoarseToFine
 from recon.confidence import Confidence
+from recon.disparity_noise import DisparityNoise
 from recon.filling import Filling
 from recon.matcher import Matcher
 from recon.matching_cost import MATCHING_COSTS
@@ -60,6 +61,12 @@ OPTIONS: dict[str, type] = {
     "row_alignment": RowAlignment,
 }
 """Stages of one method that can be left out by `false`, and put in by `true`."""
+
+AFTER_MATCHING = ("disparity_noise", "triangulation", "cloud", "meshing")
+"""Sections that are not of the matcher."""
+
+HANDED_ON = ("points", "noise")
+"""Fields that a section has from another one: `[triangulation]` and `[disparity_noise]`."""
 
 Table = dict[str, Any]
 
@@ -196,14 +203,22 @@ def _preset(table: Table) -> Preset:
     triangulation = _build(Triangulation, table.pop("triangulation", {}), "triangulation")
     meshing = _build(Meshing, table.pop("meshing", {}), "meshing")
     cloud = _build(CloudFilters, table.pop("cloud", {}), "cloud")
+    noise = _noise(table.pop("disparity_noise", False))
     known = [entry.name for entry in fields(Matcher)]
     for name in table:
         if name not in known:
-            others = ", ".join([*known, "triangulation", "cloud", "meshing", "description"])
+            others = ", ".join([*known, *AFTER_MATCHING, "description"])
             raise ValueError(f"unknown stage or setting {name!r}; a preset has {others}")
     matcher = _build(Matcher, {name: _stage(name, value) for name, value in table.items()}, "")
+    if matcher.confidence is not None:  # otherwise it is a margin, of which the noise says nothing
+        triangulation = replace(triangulation, noise=noise)
     meshing = replace(meshing, points=triangulation)
     return Preset(matcher, triangulation, meshing, cloud, description)
+
+
+def _noise(table: Any) -> DisparityNoise | None:  # noqa: ANN401  whatever the file holds
+    """Build what confidences say of errors; None if the file says false, or nothing."""
+    return _build(DisparityNoise, table, "disparity_noise") if table is not False else None
 
 
 def _stage(name: str, value: Any) -> Any:  # noqa: ANN401  whatever the file holds
@@ -238,7 +253,7 @@ def _build(kind: type, table: Any, where: str) -> Any:  # noqa: ANN401
         raise ValueError(  # noqa: TRY004  a mistake in a file, not in the program
             f"{where} must be a table of settings, got {table!r}"
         )
-    known = [entry.name for entry in fields(kind) if entry.name != "points"]
+    known = [entry.name for entry in fields(kind) if entry.name not in HANDED_ON]
     for name in table:
         if name not in known:
             raise ValueError(
@@ -285,6 +300,8 @@ def spelled_out(preset: Preset) -> Table:
             table[entry.name] = _spelled(value) if value is not None else False
         else:
             table[entry.name] = value
+    noise = preset.triangulation.noise
+    table["disparity_noise"] = _spelled(noise) if noise is not None else False
     table["triangulation"] = _spelled(preset.triangulation)
     table["cloud"] = _spelled(preset.cloud)
     table["meshing"] = _spelled(preset.meshing)
@@ -293,7 +310,7 @@ def spelled_out(preset: Preset) -> Table:
 
 def _spelled(value: Any) -> Table:  # noqa: ANN401
     """Return the settings of a dataclass as TOML knows them: lists for tuples, and no None."""
-    settings = {name: setting for name, setting in asdict(value).items() if name != "points"}
+    settings = {name: setting for name, setting in asdict(value).items() if name not in HANDED_ON}
     return {
         name: list(setting) if isinstance(setting, tuple) else setting
         for name, setting in settings.items()

@@ -9,6 +9,7 @@ import numpy as np
 
 from calib.pair import RectifiedPair
 from calib.rig import RectifiedGeometry
+from recon.disparity_noise import DisparityNoise
 from recon.normals import surface_normals
 from recon.types import Array, DisparityMap, PixelStatus, PointCloud, Removal
 
@@ -26,6 +27,9 @@ NEAREST_TO_INFINITY_PX = 1e-3
 
 SURFACE_TOLERANCE_PX = 0.5
 """How far a disparity may lie from a surface and still belong to it: noise of a good match."""
+
+SIGMA_PX = 0.5
+"""Standard deviation of a disparity where nothing says how likely it is to be right."""
 
 FLAT_SHARE = 0.25
 """A pixel joins a neighbour of its own if the step to it is below this share of the mean slope."""
@@ -50,7 +54,9 @@ def depth_map(disparity: DisparityMap[Array], geometry: RectifiedGeometry) -> Ar
     return (geometry.focal_px * geometry.baseline_m / in_front).astype(np.float32)
 
 
-def depth_sigma(depth: Array, geometry: RectifiedGeometry, disparity_sigma_px: float) -> Array:
+def depth_sigma(
+    depth: Array, geometry: RectifiedGeometry, disparity_sigma_px: float | Array
+) -> Array:
     """Return the standard deviation of a depth, sigma_Z = Z^2 / (f B) sigma_d.
 
     It is the derivative of Z = f B / (d - d_inf) by d: twice as far is four times less certain.
@@ -58,7 +64,8 @@ def depth_sigma(depth: Array, geometry: RectifiedGeometry, disparity_sigma_px: f
     Args:
         depth: any shape, metres.
         geometry: of the pair.
-        disparity_sigma_px: standard deviation of the disparities, pixels.
+        disparity_sigma_px: standard deviation of the disparities, pixels: one for all, or one
+            each in the shape of `depth`.
 
     Returns:
         float32 metres, of the shape of `depth`; NaN where `depth` is NaN.
@@ -94,7 +101,7 @@ def triangulate(
     pair: RectifiedPair,
     *,
     kept: Array | None = None,
-    disparity_sigma_px: float = 0.5,
+    disparity_sigma_px: float | Array = SIGMA_PX,
     depth_edge_px: float = 1.0,
 ) -> PointCloud:
     """Place every pixel with a disparity in space.
@@ -108,8 +115,8 @@ def triangulate(
         disparity: (H, W), of the left view, in pixels.
         pair: the images and geometry it was computed from.
         kept: (H, W) bool, the pixels to place; all of them if not given.
-        disparity_sigma_px: standard deviation of the disparities, pixels; it scales
-            `depth_sigma_m` of the points and nothing else.
+        disparity_sigma_px: standard deviation of the disparities, pixels, one for all or (H, W);
+            it scales `depth_sigma_m` of the points and nothing else.
         depth_edge_px: smallest step of disparity that no normal is fitted over.
 
     Returns:
@@ -129,7 +136,7 @@ def triangulate(
         colours=pair.left[placed],
         normals=normals[placed],
         confidence=disparity.confidence[placed],
-        depth_sigma_m=depth_sigma(depth[placed], pair.geometry, disparity_sigma_px),
+        depth_sigma_m=depth_sigma(depth, pair.geometry, disparity_sigma_px)[placed],
         status=disparity.status[placed],
     )
 
@@ -206,7 +213,10 @@ class Triangulation:
         min_depth_m: leave out points nearer than this; None keeps all.
         max_depth_m: leave out points farther away; None keeps all.
         min_confidence: leave out pixels below this confidence, in [0, 1].
-        disparity_sigma_px: standard deviation of a disparity, for the error of the depth.
+        disparity_sigma_px: standard deviation of every disparity, for the error of the depth, such
+            as the report of a calibration states; None lets each pixel have its own by `noise`.
+        noise: what the confidence of a disparity says of its error; without one and without a
+            `disparity_sigma_px` it is half a pixel.
 
     Raises:
         ValueError: if a setting is out of range or a status has no such name.
@@ -218,7 +228,8 @@ class Triangulation:
     min_depth_m: float | None = None
     max_depth_m: float | None = None
     min_confidence: float = 0.0
-    disparity_sigma_px: float = 0.5
+    disparity_sigma_px: float | None = None
+    noise: DisparityNoise | None = None
 
     def __post_init__(self) -> None:
         names = [state.name.lower() for state in PixelStatus.with_disparity()]
@@ -230,7 +241,7 @@ class Triangulation:
         _check_depths(self.min_depth_m, self.max_depth_m)
         if not 0 <= self.min_confidence <= 1:
             raise ValueError(f"min_confidence must be in [0, 1], got {self.min_confidence}")
-        if not self.disparity_sigma_px > 0:
+        if self.disparity_sigma_px is not None and not self.disparity_sigma_px > 0:
             raise ValueError(
                 f"disparity_sigma_px must be positive, got {self.disparity_sigma_px} px"
             )
@@ -249,6 +260,21 @@ class Triangulation:
             ValueError: if `disparity` and `geometry` differ in size.
         """
         return self.selection(disparity, geometry)[0]
+
+    def disparity_sigma(self, disparity: DisparityMap[Array]) -> Array:
+        """Return the standard deviation of every disparity.
+
+        Args:
+            disparity: (H, W), with the confidence that `noise` was fitted to.
+
+        Returns:
+            (H, W) float32 pixels; NaN where there is no disparity.
+        """
+        if self.disparity_sigma_px is None and self.noise is not None:
+            return self.noise(disparity.confidence, disparity.status)
+        one = np.float32(self.disparity_sigma_px or SIGMA_PX)
+        sigma: Array = np.where(disparity.valid, one, np.float32(np.nan))
+        return sigma
 
     def selection(
         self, disparity: DisparityMap[Array], geometry: RectifiedGeometry
@@ -314,7 +340,7 @@ class Triangulation:
             disparity,
             pair,
             kept=kept,
-            disparity_sigma_px=self.disparity_sigma_px,
+            disparity_sigma_px=self.disparity_sigma(disparity),
             depth_edge_px=self.depth_edge_px,
         )
 

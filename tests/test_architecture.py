@@ -22,7 +22,7 @@ ROWS = (
         "calib.camera",
     ),
     ("calib.rig", "recon.types", "recon.strips"),
-    ("calib.pair", "recon.confidence"),
+    ("calib.pair", "recon.confidence", "recon.disparity_noise"),
     (
         "calib.rectify",
         "calib.boards",

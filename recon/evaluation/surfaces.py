@@ -13,7 +13,14 @@ from recon.open3d_library import loaded_open3d
 from recon.triangulation import depth_map, depth_sigma, positions
 from recon.types import Array, DisparityMap, Mesh, PixelStatus
 
-__all__ = ["SurfaceMeasures", "TrueSurface", "first_hits", "surface_measures"]
+__all__ = [
+    "SurfaceDistances",
+    "SurfaceMeasures",
+    "TrueSurface",
+    "first_hits",
+    "surface_distances",
+    "surface_measures",
+]
 
 COMPLETE_SIGMA = 3.0
 TRUE_EDGE_PX = 1.0
@@ -55,7 +62,47 @@ class SurfaceMeasures:
     hit: float
 
 
-def surface_measures(mesh: Mesh, truth: TrueSurface, sigma_px: float) -> SurfaceMeasures:
+@dataclass(frozen=True, eq=False)
+class SurfaceDistances:
+    """How far a mesh and the true surface are from each other, by pixel.
+
+    Attributes:
+        off_m: (H, W), from where the ray of a pixel meets the mesh to the truth; NaN where it does
+            not.
+        hit_m: (H, W), depth of that place.
+        missed_m: (H, W), from the truth to the mesh; NaN unless both cameras see it.
+        depth_m: (H, W), of the truth.
+        geometry: of the pair.
+    """
+
+    off_m: Array
+    hit_m: Array
+    missed_m: Array
+    depth_m: Array
+    geometry: RectifiedGeometry
+
+    def in_sigmas(self, sigma_px: float | Array) -> SurfaceMeasures:
+        """Return the measures, in the sigma_z that a standard deviation of disparities means.
+
+        Args:
+            sigma_px: one for all, or (H, W) as pixels state it, where those that state none, NaN,
+                count as the median one.
+        """
+        one = np.nan_to_num(sigma_px, nan=float(np.nanmedian(sigma_px)))
+        stated = np.broadcast_to(one, self.depth_m.shape)
+        met, seen = np.isfinite(self.off_m), np.isfinite(self.missed_m)
+        sigmas = self.off_m[met] / depth_sigma(self.hit_m[met], self.geometry, stated[met])
+        allowed = COMPLETE_SIGMA * depth_sigma(self.depth_m[seen], self.geometry, stated[seen])
+        return SurfaceMeasures(
+            median_sigma=float(np.median(sigmas)),
+            p95_sigma=float(np.percentile(sigmas, 95)),
+            median_m=float(np.median(self.off_m[met])),
+            complete=float((self.missed_m[seen] <= allowed).mean()),
+            hit=float(met.mean()),
+        )
+
+
+def surface_measures(mesh: Mesh, truth: TrueSurface, sigma_px: float | Array) -> SurfaceMeasures:
     """Compare a mesh with the true surface, both ways.
 
     From the mesh: every ray through a pixel that meets it asks, at the first
@@ -68,31 +115,37 @@ def surface_measures(mesh: Mesh, truth: TrueSurface, sigma_px: float) -> Surface
     Args:
         mesh: in the frame of the left rectified camera, not without faces.
         truth: of the same pair.
-        sigma_px: standard deviation of a disparity, which sets sigma_z.
+        sigma_px: standard deviation of the disparities, which sets sigma_z; one for all, or (H, W)
+            as pixels state it, where those that state none, NaN, count as the median one.
+
+    Raises:
+        ImportError: if open3d lacks a system library.
+    """
+    return surface_distances(mesh, truth).in_sigmas(sigma_px)
+
+
+def surface_distances(mesh: Mesh, truth: TrueSurface) -> SurfaceDistances:
+    """Return the distances between a mesh and the truth that `surface_measures` compares.
+
+    Args:
+        mesh: in the frame of the left rectified camera, not without faces.
+        truth: of the same pair.
 
     Raises:
         ImportError: if open3d lacks a system library.
     """
     depth = _depth(truth)
-    faces = grid_faces(truth.disparity, np.isfinite(depth), depth_edge_px=TRUE_EDGE_PX)
     used = np.isfinite(depth)
+    faces = grid_faces(truth.disparity, used, depth_edge_px=TRUE_EDGE_PX)
     numbers = np.cumsum(used.ravel(), dtype=np.int32) - 1
     whole = positions(depth, used, truth.geometry), numbers[faces]
 
     hits = first_hits(mesh, truth.geometry)
-    met = np.isfinite(hits[..., 2])
-    off = _distances(hits[met], *whole)
-    sigma = depth_sigma(hits[met][:, 2], truth.geometry, sigma_px)
-    seen = truth.visible & used
-    missed = _distances(positions(depth, seen, truth.geometry), mesh.vertices, mesh.faces)
-    allowed = COMPLETE_SIGMA * depth_sigma(depth[seen], truth.geometry, sigma_px)
-    return SurfaceMeasures(
-        median_sigma=float(np.median(off / sigma)),
-        p95_sigma=float(np.percentile(off / sigma, 95)),
-        median_m=float(np.median(off)),
-        complete=float((missed <= allowed).mean()),
-        hit=float(met.mean()),
-    )
+    met, seen = np.isfinite(hits[..., 2]), truth.visible & used
+    off, missed = np.full(depth.shape, np.nan), np.full(depth.shape, np.nan)
+    off[met] = _distances(hits[met], *whole)
+    missed[seen] = _distances(positions(depth, seen, truth.geometry), mesh.vertices, mesh.faces)
+    return SurfaceDistances(off, hits[..., 2], missed, depth, truth.geometry)
 
 
 def first_hits(mesh: Mesh, geometry: RectifiedGeometry) -> Array:

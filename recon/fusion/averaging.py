@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from recon.fusion.surface import EMPTY, FusedSurface, in_canonical_order, without_fragments
-from recon.fusion.views import DepthNoise, DepthView
+from recon.fusion.views import DepthView
 from recon.kernels.distance_field import average_in
 from recon.open3d_library import loaded_open3d
 from recon.types import Array
@@ -24,7 +24,7 @@ __all__ = ["Fusion", "Volume"]
 BLOCK = 8  # voxels along a side
 FIRST_BLOCKS = 1024
 GROWTH = 1.5
-FARTHEST = 2.0
+FARTHEST = 1.0
 LEAST_WEIGHT = 1e-30
 UP = np.array([0, -1, 0], np.float32)
 
@@ -43,9 +43,8 @@ class Fusion:
             matches and what only few views show.
         smallest_piece_m2: connected pieces of less area are left out; None means those smaller than
             a square of 20 voxels.
-        max_depth_m: farther depths make no surface; None means where their standard deviation
-            reaches twice the truncation: what is stated for stereo, half a pixel, is about four
-            times what good matches have.
+        max_depth_m: farther depths make no surface; None means those whose standard deviation
+            exceeds the truncation, which would cut their errors off.
 
     Raises:
         ValueError: if a setting is out of range.
@@ -84,11 +83,16 @@ class Fusion:
             return self.smallest_piece_m2
         return (20 * self.voxel_m) ** 2
 
-    def farthest_m(self, noise: DepthNoise) -> float:
-        """Return the greatest depth that makes a surface."""
+    def solid(self, view: DepthView) -> Array:
+        """Return which depths (H, W) of a view make a surface."""
+        trusted: Array = view.trust >= self.min_trust
         if self.max_depth_m is not None:
-            return self.max_depth_m
-        return noise.depth_with(FARTHEST * self.truncation_m)
+            return trusted & (view.depth <= self.max_depth_m)
+        return trusted & (view.sigma_m <= FARTHEST * self.truncation_m)
+
+    def farthest_m(self, view: DepthView) -> float:
+        """Return the greatest depth of a view that makes a surface, 0 if none does."""
+        return float(np.max(view.depth, where=self.solid(view), initial=0.0))
 
     def for_views(self, count: int) -> Fusion:
         """Return settings that `count` views can meet."""
@@ -133,7 +137,8 @@ class Volume:
         """
         trusted = view.trust >= self.settings.min_trust
         depth = np.where(trusted, view.depth, np.nan).astype(np.float32)
-        self._make_room(replace(view, depth=depth))
+        solid = self.settings.solid(view)
+        self._make_room(view, solid)
         table = self._grid.hashmap()
         active = np.sort(table.active_buf_indices().numpy().astype(np.int64))
         places = table.key_tensor().numpy()[active]
@@ -146,14 +151,20 @@ class Volume:
         average_in(
             self._field(),
             (active[seen], places[seen]),
-            (depth, view.trust.astype(np.float32), view.image.astype(np.float32)),
+            (
+                depth,
+                view.trust.astype(np.float32),
+                view.times,
+                solid,
+                view.image.astype(np.float32),
+            ),
             np.array([*pose.R.ravel(), *pose.t, fx, fy, cx, cy], np.float64),
             np.array([noise.base_m, noise.growth_per_m, noise.nearest_m], np.float64),
             np.array(
                 [
                     self.settings.voxel_m,
                     self.settings.truncation_m,
-                    min(self.settings.farthest_m(noise), 1e9),
+                    self.settings.farthest_m(view),
                 ],
                 np.float64,
             ),
@@ -211,15 +222,14 @@ class Volume:
         distance, weight, colour, views = (self._grid.attribute(name).numpy() for name in names)
         return distance, weight, colour, views
 
-    def _make_room(self, view: DepthView) -> None:
-        """Make the blocks around every depth that makes a surface."""
+    def _make_room(self, view: DepthView, solid: Array) -> None:
+        """Make the blocks around every depth that makes a surface, (H, W) bool."""
         reach, block_m = self.settings.truncation_m, BLOCK * self.settings.voxel_m
-        usable = np.nan_to_num(view.depth, nan=np.inf) <= self.settings.farthest_m(view.noise)
         steps = math.ceil(2 * reach / (block_m / 2)) + 1
         keys = []
         for offset in np.linspace(-reach, reach, steps):
             there = replace(view, depth=view.depth + np.float32(offset))
-            keys.append(_packed(there.positions(usable & (there.depth > 0)), block_m))
+            keys.append(_packed(there.positions(solid & (there.depth > 0)), block_m))
         wanted = _unpacked(np.unique(np.concatenate(keys)))
         if not len(wanted):
             return

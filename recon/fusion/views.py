@@ -42,24 +42,18 @@ class DepthNoise:
         sigma: Array = self.base_m + self.growth_per_m * np.square(depth - self.nearest_m)
         return sigma
 
-    def depth_with(self, sigma_m: float) -> float:
-        """Return the depth at which the standard deviation reaches `sigma_m`, metres."""
-        if self.growth_per_m == 0:
-            return float("inf")
-        beyond = max(0.0, sigma_m - self.base_m) / self.growth_per_m
-        return self.nearest_m + float(np.sqrt(beyond))
-
 
 KINECT_NOISE = DepthNoise(0.0012, 0.0019, 0.4)
 """Of structured light: Nguyen, Izadi & Lovell, 3DIMPVT 2012, section 3 (axial noise)."""
 
 
-def stereo_noise(geometry: RectifiedGeometry, disparity_sigma_px: float) -> DepthNoise:
+def stereo_noise(geometry: RectifiedGeometry, disparity_sigma_px: float = 1.0) -> DepthNoise:
     """Return the error of depths from disparities, sigma_Z = Z^2 / (f B) sigma_d.
 
     Args:
         geometry: of the pair.
-        disparity_sigma_px: standard deviation of the disparities, pixels.
+        disparity_sigma_px: standard deviation of the disparities, pixels; 1 where each pixel has
+            its own, the `noise_times` of a view.
     """
     return DepthNoise(0.0, disparity_sigma_px / (geometry.focal_px * geometry.baseline_m))
 
@@ -75,6 +69,8 @@ class DepthView:
         K: (3, 3), [[fx, 0, cx], [0, fy, cy], [0, 0, 1]] in pixels.
         noise: the error of a right depth.
         world_from_camera: where the camera stands.
+        noise_times: (H, W) float32, how many times `noise` the depth of each pixel errs; None means
+            once.
 
     Raises:
         ValueError: if the shapes do not agree.
@@ -86,6 +82,7 @@ class DepthView:
     K: Array
     noise: DepthNoise
     world_from_camera: Pose
+    noise_times: Array | None = None
 
     def __post_init__(self) -> None:
         shape = self.depth.shape
@@ -94,8 +91,23 @@ class DepthView:
                 f"depth is {shape}, trust {self.trust.shape} and the image {self.image.shape}; "
                 "expected (H, W), (H, W) and (H, W, 3)"
             )
+        if self.noise_times is not None and self.noise_times.shape != shape:
+            raise ValueError(f"depth is {shape} but noise_times {self.noise_times.shape}")
         if self.K.shape != (3, 3):
             raise ValueError(f"K must be (3, 3), got {self.K.shape}")
+
+    @property
+    def times(self) -> Array:
+        """(H, W) float32, how many times `noise` the depth of each pixel errs."""
+        if self.noise_times is None:
+            return np.ones(self.depth.shape, np.float32)
+        return self.noise_times.astype(np.float32, copy=False)
+
+    @property
+    def sigma_m(self) -> Array:
+        """(H, W) standard deviation of every depth, metres; NaN where there is none."""
+        sigma: Array = self.noise.sigma_m(self.depth.astype(np.float64)) * self.times
+        return sigma
 
     def positions(self, pixels: Array) -> Array:
         """Return where pixels lie in the world.

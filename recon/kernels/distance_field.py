@@ -15,7 +15,7 @@ CERTAIN = 3.0  # standard deviations
 def average_in(
     field: tuple[Array, Array, Array, Array],
     blocks: tuple[Array, Array],
-    picture: tuple[Array, Array, Array],
+    picture: tuple[Array, Array, Array, Array, Array],
     pinhole: Array,
     error: Array,
     lengths: Array,
@@ -23,10 +23,11 @@ def average_in(
     """Average one image of depths into blocks of a truncated signed distance field, in place.
 
     A voxel at depth z whose pixel has depth d lies s = d - z in front of the surface. Where
-    |s| <= tau, with the weight w = trust / sigma(z)^2, the field T = s / tau, and the colour,
-    become (T W + w s / tau) / (W + w), and W becomes W + w. Farther in front, beyond tau and three
-    standard deviations of d, the voxel is seen to be empty: it is averaged with T = 1. Farther
-    behind nothing is known. Depths beyond `farthest` prove what is empty but make no surface.
+    |s| <= tau, with the weight w = trust / (g sigma(z))^2, g of the pixel, the field T = s / tau,
+    and the colour, become (T W + w s / tau) / (W + w), and W becomes W + w. Farther in front,
+    beyond tau and three standard deviations of d, the voxel is seen to be empty: it is averaged
+    with T = 1. Farther behind nothing is known. Depths too uncertain to be a surface still prove
+    what is empty.
 
     The four pixels around the projection are interpolated in 1 / d, which is linear on a plane,
     if they are within tau of each other; otherwise the nearest pixel counts.
@@ -39,12 +40,13 @@ def average_in(
             surface at a voxel and the sum of their trust (N, B, B, B, 2), all float32; axes after
             the first are z, y, x.
         blocks: (M,) int64 which of the N blocks, and (M, 3) int32 their places, in blocks.
-        picture: depth (H, W) float32 metres, NaN where unknown; trust (H, W) float32; colours
-            (H, W, 3) float32.
+        picture: depth (H, W) float32 metres, NaN where unknown; trust (H, W) float32; g (H, W)
+            float32, how many times sigma a pixel errs; whether it is a surface (H, W) bool;
+            colours (H, W, 3) float32.
         pinhole: (16,) float64: the rotation row by row and the translation that carry the field
             to the frame of the picture, then fx, fy, cx, cy.
         error: (3,) float64, a, b and c of sigma(z).
-        lengths: (3,) float64, side of a voxel, tau and `farthest`, metres.
+        lengths: (3,) float64, side of a voxel, tau and the largest depth of a surface, metres.
     """
     _average_in(*field, *blocks, *picture, pinhole, error, lengths)
 
@@ -72,19 +74,28 @@ def _depth_at(depth: Array, u: float, v: float, most_apart: float) -> float:
 
 
 @compiled()
-def _distance_of(d: float, z: float, error: Array, tau: float, farthest: float) -> float:
-    """Return s / tau up to 1 for emptiness, NaN where a depth d says nothing of a voxel at z."""
+def _distance_of(d: float, z: float, sigma: float, solid: bool, tau: float) -> float:
+    """Return s / tau up to 1 for emptiness, NaN where a depth d says nothing of a voxel at z.
+
+    sigma is that of d, and `solid` whether d is a surface.
+    """
     s = d - z
     if not s >= -tau:
         return np.nan
     if s <= tau:
-        return s / tau if d <= farthest else np.nan
-    of_d = error[0] + error[1] * (d - error[2]) ** 2
-    return 1.0 if s >= CERTAIN * of_d else np.nan
+        return s / tau if solid else np.nan
+    return 1.0 if s >= CERTAIN * sigma else np.nan
+
+
+@compiled()
+def _sigma(z: float, error: Array) -> float:
+    """Return sigma(z)."""
+    sigma: float = error[0] + error[1] * (z - error[2]) ** 2
+    return sigma
 
 
 @compiled(parallel=True)
-def _average_in(  # noqa: PLR0913  one loop
+def _average_in(  # noqa: C901, PLR0913  compiled: one loop
     values: Array,
     weights: Array,
     colours: Array,
@@ -93,6 +104,8 @@ def _average_in(  # noqa: PLR0913  one loop
     places: Array,
     depth: Array,
     trust: Array,
+    times: Array,
+    solid: Array,
     image: Array,
     pinhole: Array,
     error: Array,
@@ -113,11 +126,15 @@ def _average_in(  # noqa: PLR0913  one loop
                 continue
             u = fx * (R[0, 0] * px + R[0, 1] * py + R[0, 2] * pz + t[0]) / z + cx
             v = fy * (R[1, 0] * px + R[1, 1] * py + R[1, 2] * pz + t[1]) / z + cy
-            new = _distance_of(_depth_at(depth, u, v, tau), z, error, tau, farthest)
-            if np.isnan(new):
+            d = _depth_at(depth, u, v, tau)
+            if np.isnan(d):
                 continue
             row, column = int(np.floor(v + 0.5)), int(np.floor(u + 0.5))
-            sigma = error[0] + error[1] * (z - error[2]) ** 2
+            g = times[row, column]
+            new = _distance_of(d, z, g * _sigma(d, error), solid[row, column], tau)
+            if np.isnan(new):
+                continue
+            sigma = g * _sigma(z, error)
             weight = trust[row, column] / (sigma * sigma)
             at = indices[block]
             total = weights[at, k, j, i, 0] + weight

@@ -17,23 +17,25 @@ COVERED, LOST = 1, 2
 @compiled()
 def outline_stays(  # noqa: C901  compiled: one nest of loops
     heights: Array,
+    spread: Array,
     state: Array,
     corners: tuple[Cell, Cell, Cell],
-    tolerance: float,
+    most: float,
     border: float,
 ) -> bool:
     """Return whether a corner of the outline may be cut off, and mark the cells that this loses.
 
     The corner must stick out: to remove one that does not would fill a gap. Cells that were lost
     beside the two edges of the corner, and those that are lost now, have to stay within `border`
-    of the new edge, and within `tolerance` of its height there.
+    of the new edge, and within `most` times their spread of its height there.
 
     Args:
         heights: (H, W).
+        spread: (H, W), what errors of heights are divided by.
         state: (H, W) uint8, COVERED or LOST, 0 if it was never on the surface; changed.
         corners: the corner, in the middle, and its neighbours on the outline, the surface to the
             left on the screen when going from the first to the last.
-        tolerance: of heights.
+        most: of these errors.
         border: in cells, at most 1.
     """
     p, u, q = corners
@@ -50,7 +52,7 @@ def outline_stays(  # noqa: C901  compiled: one nest of loops
             if _cut_off(state[y, x], (x, y), corners, border):
                 distance, share = _from_edge((x, y), p, q)
                 height = (1 - share) * heights[p[1], p[0]] + share * heights[q[1], q[0]]
-                if distance > border or abs(heights[y, x] - height) > tolerance:
+                if distance > border or abs(heights[y, x] - height) > most * spread[y, x]:
                     return False
     for y in rows:
         for x in columns:

@@ -11,6 +11,9 @@ __all__ = ["simplified"]
 
 Limits = tuple[float, float, float]
 
+FINEST = np.finfo(np.float32).tiny
+"""Stands for a tolerance of 0, by which nothing can be divided."""
+
 MOST_NEIGHBOURS = 48
 """A vertex with more stays for this round; what surrounds it goes first."""
 
@@ -22,14 +25,15 @@ LEAST_GAIN = 0.003
 
 
 def simplified(
-    heights: Array, faces: Array, *, tolerance: float, border: float, shift: float
+    heights: Array, faces: Array, *, tolerance: float | Array, border: float, shift: float
 ) -> Array:
     """Remove vertices as long as every one that was there stays near the surface.
 
     A vertex is removed together with its faces, and the polygon that they leave is filled with a
     fan from the corner of it that gives the least error. The error is that of every cell of the
-    grid under the new triangles, |height - plane|, not only that of the vertex, so it does not
-    add up. Vertices round a removed one wait for the next round, which spreads what is left.
+    grid under the new triangles, |height - plane| / tolerance, not only that of the vertex, so it
+    does not add up. Vertices round a removed one wait for the next round, which spreads what is
+    left.
 
     The outline only ever shrinks: corners that stick out are cut, notches are not filled, so no
     gap is ever bridged. Every cell cut off stays within `border` cells of the outline, and its
@@ -48,8 +52,8 @@ def simplified(
         heights: (H, W) float32; finite and positive at every vertex.
         faces: (F, 3) int32 indices of cells in row order, counter-clockwise as images are
             looked at, not overlapping.
-        tolerance: largest error of a height; raising it removes more. 0 removes what is exactly
-            flat.
+        tolerance: largest error of a height, one for all or (H, W), finite at every vertex;
+            raising it removes more. 0 removes what is exactly flat.
         border: largest distance of a vertex that was there from the outline, in cells.
         shift: farthest that a picture on the surface may be off, in cells.
 
@@ -58,14 +62,15 @@ def simplified(
     """
     cells = heights.size
     heights = np.ascontiguousarray(heights, np.float32)
+    spread = np.maximum(np.broadcast_to(tolerance, heights.shape).astype(np.float32), FINEST)
     state = np.zeros(heights.shape, np.uint8)
     state.ravel()[faces.ravel()] = COVERED
     faces = faces.copy()
     for share in STAGES:
         settled = np.zeros(cells, np.uint8)
         while len(faces):
-            limits = share * tolerance, min(border, 1.0), shift
-            left, removed = _round(heights, faces, state, settled, limits)
+            limits = share, min(border, 1.0), shift
+            left, removed = _round(heights, spread, faces, state, settled, limits)
             vertices = len(faces) // 2
             faces = left
             if removed <= LEAST_GAIN * vertices:
@@ -94,21 +99,22 @@ def _incidence(faces: Array, cells: int) -> tuple[Array, Array]:
 
 @compiled()
 def _round(  # noqa: C901  compiled: one loop
-    heights: Array, faces: Array, state: Array, settled: Array, limits: Limits
+    heights: Array, spread: Array, faces: Array, state: Array, settled: Array, limits: Limits
 ) -> tuple[Array, int]:
     """Try to remove every vertex once, none beside another.
 
     Args:
         heights: (H, W).
+        spread: (H, W), what errors of heights are divided by.
         faces: (F, 3); changed.
         state: (H, W) whether a cell is covered, or lost at the outline; changed.
         settled: (H W,) not to be tried again, as nothing changed round it; changed.
-        limits: of heights, of the outline and of shifts.
+        limits: of these errors, of the outline and of shifts.
 
     Returns:
         The faces that are left, and how many vertices were removed.
     """
-    tolerance, border, shift = limits
+    most, border, shift = limits
     width = heights.shape[1]
     begin, of_cell = _incidence(faces, heights.size)
     waits = np.zeros(heights.size, np.uint8)
@@ -125,14 +131,14 @@ def _round(  # noqa: C901  compiled: one loop
             continue
         if corners == 2 and (waits[ring[0]] or waits[ring[1]]):
             continue
-        apex = _best_fan(heights, ring[:corners], tolerance, shift) if corners > 2 else 0
+        apex = _best_fan(heights, spread, ring[:corners], most, shift) if corners > 2 else 0
         fits = apex >= 0
         if fits and corners == 2:
             fits = _shared(faces, of_cell, begin, ring[0], ring[1], mine[0])
         if fits and not closed:
             ends = _at(ring[0], width), _at(cell, width), _at(ring[corners - 1], width)
             fits = _shift(heights, ring[0], ring[corners - 1]) <= shift and outline_stays(
-                heights, state, ends, tolerance, border
+                heights, spread, state, ends, most, border
             )
         if not fits:
             settled[cell] = 1
@@ -223,9 +229,9 @@ def _shared(
 
 
 @compiled()
-def _best_fan(heights: Array, ring: Array, tolerance: float, shift: float) -> int:
+def _best_fan(heights: Array, spread: Array, ring: Array, most: float, shift: float) -> int:
     """Return from which corner a fan fills a polygon with the least error; -1 if from none."""
-    best, least, corners = -1, tolerance, len(ring)
+    best, least, corners = -1, most, len(ring)
     for apex in range(corners):
         worst = 0.0
         for step in range(2, corners - 1):
@@ -236,6 +242,7 @@ def _best_fan(heights: Array, ring: Array, tolerance: float, shift: float) -> in
                 break
             error = _worst_under(
                 heights,
+                spread,
                 ring[apex],
                 ring[(apex + step) % corners],
                 ring[(apex + step + 1) % corners],
@@ -259,8 +266,8 @@ def _shift(heights: Array, a: int, b: int) -> float:
 
 
 @compiled()
-def _worst_under(heights: Array, a: int, b: int, c: int, limit: float) -> float:
-    """Return the largest |height - plane| under a triangle; more than `limit` ends the search.
+def _worst_under(heights: Array, spread: Array, a: int, b: int, c: int, limit: float) -> float:
+    """Return the largest |height - plane| / spread under a triangle; past `limit` it stops.
 
     A triangle that has no area, or lies the wrong way round, has an infinite error.
     """
@@ -281,7 +288,8 @@ def _worst_under(heights: Array, a: int, b: int, c: int, limit: float) -> float:
         low, high = _clipped(low, high, (cx, cy), (ax, ay), y)
         plane = height + along_y * (y - ay)
         for x in range(low, high + 1):
-            worst = max(worst, abs(heights[y, x] - plane - along_x * (x - ax)))
+            error = abs(heights[y, x] - plane - along_x * (x - ax))
+            worst = max(worst, error / spread[y, x])
         if worst > limit:
             break
     return worst

@@ -20,6 +20,10 @@ __all__ = ["Meshing"]
 BORDER_PX = 0.5
 """How much of a border may be cut off: its steps from pixel to pixel become straighter lines."""
 
+SIGMAS_PX = (0.1, 0.5)
+"""What decimation takes for less or more. Finer ones would keep the noise of what is sure, and
+coarser ones would flatten what is doubted and often right."""
+
 SHIFT_PX = 0.5
 """How far the texture may slide on a slanted triangle, which shows it in the wrong perspective."""
 
@@ -33,8 +37,8 @@ class Meshing:
         min_component_faces: smallest piece that stays, counted before anything is removed;
             raising it removes larger fragments, and 1 keeps all.
         decimation_sigma: how far the surface may pass from a pixel whose vertex was removed, in
-            standard deviations of its depth, which are `points.disparity_sigma_px` as disparity;
-            raising it leaves fewer triangles, and 0 keeps every vertex.
+            standard deviations of its depth, as the disparity states them, taken as 0.1 px at least
+            and 0.5 px at most; raising it leaves fewer triangles, and 0 keeps every vertex.
         watertight: close the holes by a surface that goes through all points, which invents what
             no camera saw; it has colours at its vertices instead of a texture.
         watertight_depth: of the octree in which that surface is found: its finest cells are
@@ -48,7 +52,7 @@ class Meshing:
 
     points: Triangulation = field(default_factory=Triangulation)
     min_component_faces: int = 50
-    decimation_sigma: float = 0.5
+    decimation_sigma: float = 1.0
     watertight: bool = False
     watertight_depth: int = 8
     watertight_reach_px: float = 12.0
@@ -119,11 +123,17 @@ class Meshing:
         few = simplified(
             disparity.values - np.float32(pair.geometry.disparity_at_infinity),
             faces,
-            tolerance=self.decimation_sigma * self.points.disparity_sigma_px,
+            tolerance=self.decimation_sigma * self._bounded_sigma(disparity),
             border=BORDER_PX,
             shift=SHIFT_PX,
         )
         return _mesh_of(few, depth, normals, pair), dense
+
+    def _bounded_sigma(self, disparity: DisparityMap[Array]) -> Array:
+        """Return the standard deviations of the disparities (H, W) as decimation takes them."""
+        least, most = SIGMAS_PX
+        bounded: Array = np.clip(self.points.disparity_sigma(disparity), least, most)
+        return bounded
 
 
 def _mesh_of(faces: Array, depth: Array, normals: Array, pair: RectifiedPair) -> Mesh:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import zipfile
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +12,8 @@ from recon.files import atomic
 from recon.sequence.sources import SeenFrame
 
 __all__ = ["KeptFrames"]
+
+HELD = tuple(entry.name for entry in fields(SeenFrame))
 
 
 @dataclass(frozen=True)
@@ -31,7 +33,7 @@ class KeptFrames:
             return None
         try:
             with path.open("rb") as file, np.load(file, allow_pickle=False) as arrays:
-                return SeenFrame(arrays["depth"], arrays["trust"], arrays["image"])
+                return SeenFrame(**{name: arrays[name] for name in HELD})
         except (OSError, ValueError, KeyError, zipfile.BadZipFile):
             return None
 
@@ -39,7 +41,7 @@ class KeptFrames:
         """Keep a frame; its file appears whole or not at all."""
         self.folder.mkdir(parents=True, exist_ok=True)
         with atomic(self._path(fingerprint)) as partial, partial.open("wb") as file:
-            np.savez_compressed(file, depth=frame.depth, trust=frame.trust, image=frame.image)
+            np.savez_compressed(file, **{name: getattr(frame, name) for name in HELD})
 
     def forget_others(self, fingerprints: set[str]) -> None:
         """Remove frames of other files or settings, and what a run that was ended left half."""

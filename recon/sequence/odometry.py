@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -104,7 +104,7 @@ def _step(before: DepthView, after: DepthView, guess: Pose) -> Step:
     odometry = o3d.t.pipelines.odometry
     depths = [_within(view) for view in (before, after)]
     far = float(max(np.nanmax(depth, initial=0.0) for depth in depths))
-    sigma = float(np.nanmedian(after.noise.sigma_m(depths[1]))) if far else 1.0
+    sigma = float(np.nanmedian(replace(after, depth=depths[1]).sigma_m)) if far else 1.0
     truncation = OUTLIER_SIGMAS * sigma
     try:
         found = odometry.rgbd_odometry_multi_scale(

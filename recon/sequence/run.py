@@ -20,8 +20,11 @@ from recon.sequence.sources import DepthSource
 
 __all__ = ["FusedFrame", "FusedSequence", "SequenceSettings", "fuse_sequence"]
 
-VOXELS_PER_SIGMA = 4.0
+VOXELS_PER_SIGMA = 2.0
+"""With a truncation of 6 voxels, errors of up to three standard deviations are averaged."""
 PIXELS_PER_VOXEL = 1.5
+VOXELS_ACROSS = 400
+"""Memory of a surface as wide as what a view sees goes with the square of it."""
 SHORTEST_LOOP = 3
 
 
@@ -30,11 +33,12 @@ class SequenceSettings:
     """How a sequence is fused; see `recon.fusion.Fusion`. What is None is chosen from the data.
 
     Attributes:
-        voxel_m: side of a voxel; None takes 1.5 widths of a pixel at the median depth, or a
-            quarter of the standard deviation of that depth if that is more, as finer ones would
-            hold noise.
-        max_depth_m: depths beyond make no surface; None means where their standard deviation
-            reaches twice the truncation.
+        voxel_m: side of a voxel; None takes 1.5 widths of a pixel at the median depth, or if that
+            is more, half the standard deviation there of pixels that weigh as much as the mean one
+            (finer ones would hold noise), or 1/400 of what a view sees there from side to side
+            (finer ones take memory).
+        max_depth_m: depths beyond make no surface; None means those whose standard deviation
+            exceeds the truncation.
         min_trust: depths less likely to be right are left out.
         min_views: fewest views that must see a surface.
         truncation_voxels: how far around a surface it counts.
@@ -88,7 +92,8 @@ class FusedSequence:
         trajectory: where the camera of the files stood.
         world_from_first: pose of the first view, rectified.
         fusion: the settings, chosen ones included.
-        farthest_m: depths beyond made no surface.
+        farthest_m: the greatest depth of the first, the middle and the last view that made a
+            surface.
         blocks: of voxels in memory at the end.
         steps: how the frames after the first were placed, empty if poses were given.
         drift: what the last frame says of it; None if it does not see what the first saw, or if
@@ -139,6 +144,7 @@ def fuse_sequence(
     few = sorted({0, len(frames) // 2, len(frames) - 1})
     looks = [source.view(sight(frames[place])[0], Pose.identity()) for place in few]
     fusion = (settings or SequenceSettings()).fusion_for(looks, len(frames))
+    farthest_m = max(fusion.farthest_m(view) for view in looks)
     observe("fusion", fusion)
 
     volume, log = Volume(fusion), []
@@ -155,7 +161,7 @@ def fuse_sequence(
     if not len(surface.faces):
         raise ValueError(
             f"no surface was found: nowhere do {fusion.min_views} frames agree on depths up to "
-            f"{fusion.farthest_m(looks[0].noise):.2f} m; do the poses belong to these frames, and "
+            f"{farthest_m:.2f} m; do the poses belong to these frames, and "
             "are they in metres?"
         )
     observe("surface", surface)
@@ -169,7 +175,7 @@ def fuse_sequence(
         ),
         world_from_first=first.view.world_from_camera,
         fusion=fusion,
-        farthest_m=fusion.farthest_m(looks[0].noise),
+        farthest_m=farthest_m,
         blocks=volume.blocks,
         steps=tuple(step for step in steps if step is not None),
         drift=drift_between(first.view, frame.view) if looped else None,
@@ -179,19 +185,22 @@ def fuse_sequence(
 
 def _fitting_voxel(views: Sequence[DepthView], min_trust: float) -> float:
     """Return the side of a voxel that suits the median depth, metres, of two digits."""
-    trusted = [view.depth[view.trust >= min_trust] for view in views]
-    depths = np.concatenate(trusted)
-    depths = depths[np.isfinite(depths)]
+    trusted = [np.isfinite(view.depth) & (view.trust >= min_trust) for view in views]
+    depths = np.concatenate([v.depth[seen] for v, seen in zip(views, trusted, strict=True)])
     if not len(depths):
         raise ValueError(
             f"no depth of the first, the middle and the last frame is trusted to {min_trust:.0%}: "
             "is it too dark, or are the views not of the same moment?"
         )
-    median = float(np.median(depths))
-    view = views[0]
-    pixel_m = PIXELS_PER_VOXEL * median / min(view.K[0, 0], view.K[1, 1])
-    sigma_m = float(view.noise.sigma_m(np.float64(median)))
-    return _two_digits(max(pixel_m, sigma_m / VOXELS_PER_SIGMA))
+    times = np.concatenate([v.times[seen] for v, seen in zip(views, trusted, strict=True)])
+    median, view = float(np.median(depths)), views[0]
+    pixel_m = median / min(view.K[0, 0], view.K[1, 1])
+    across_m = median / view.K[0, 0] * view.depth.shape[1]
+    weights = np.square(times.astype(np.float64)) ** -1
+    sigma_m = float(view.noise.sigma_m(np.float64(median))) / math.sqrt(weights.mean())
+    return _two_digits(
+        max(PIXELS_PER_VOXEL * pixel_m, sigma_m / VOXELS_PER_SIGMA, across_m / VOXELS_ACROSS)
+    )
 
 
 def _two_digits(value: float) -> float:

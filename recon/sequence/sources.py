@@ -29,7 +29,7 @@ from recon.types import Array
 __all__ = ["DepthSource", "RgbdSource", "SeenFrame", "StereoSource", "looked_at_first"]
 
 STEPS_OF_TRUST = 255
-KEPT_VERSION = 1
+KEPT_VERSION = 2
 """Of the depths kept on disk; another one makes them stale."""
 
 
@@ -41,11 +41,13 @@ class SeenFrame:
         depth: (H, W) float32 metres, NaN where it is unknown or not trustworthy.
         trust: (H, W) uint8, probability that it is right in steps of 1 / 255.
         image: (H, W, 3) uint8 RGB, on the same pixels.
+        noise_times: (H, W) float16, how many times the noise of the source a depth errs.
     """
 
     depth: Array
     trust: Array
     image: Array
+    noise_times: Array
 
 
 class DepthSource(Protocol):
@@ -122,7 +124,13 @@ class StereoSource:
         kept = self.preset.triangulation.kept_pixels(disparity, pair.geometry)
         depth = np.where(kept, depth_map(disparity, pair.geometry), np.nan)
         trust = np.rint(np.clip(disparity.confidence, 0, 1) * STEPS_OF_TRUST)
-        return SeenFrame(depth.astype(np.float32), trust.astype(np.uint8), pair.left)
+        sigma_px = self.preset.triangulation.disparity_sigma(disparity)
+        return SeenFrame(
+            depth.astype(np.float32),
+            trust.astype(np.uint8),
+            pair.left,
+            sigma_px.astype(np.float16),
+        )
 
     def view(self, seen: SeenFrame, world_from_camera: Pose) -> DepthView:
         """See `DepthSource`; a raw camera is turned to its rectified one."""
@@ -134,12 +142,13 @@ class StereoSource:
             K=np.array([[f, 0, cx], [0, f, cy], [0, 0, 1]]),
             noise=self.noise,
             world_from_camera=world_from_camera @ self.rectified_from_files.inverse(),
+            noise_times=seen.noise_times.astype(np.float32),
         )
 
     @property
     def noise(self) -> DepthNoise:
-        """The error of the depths."""
-        return stereo_noise(self.geometry, self.preset.triangulation.disparity_sigma_px)
+        """The error of the depths for a standard deviation of one pixel."""
+        return stereo_noise(self.geometry)
 
     @property
     def rectified_from_files(self) -> Pose:
@@ -210,7 +219,8 @@ class RgbdSource:
         """See `DepthSource`; every depth is trusted."""
         depth = read_depth(frame.second, per_metre=self.per_metre)
         trust = np.where(np.isfinite(depth), STEPS_OF_TRUST, 0).astype(np.uint8)
-        return SeenFrame(depth, trust, read_image(frame.first))
+        once = np.ones(depth.shape, np.float16)
+        return SeenFrame(depth, trust, read_image(frame.first), once)
 
     def view(self, seen: SeenFrame, world_from_camera: Pose) -> DepthView:
         """See `DepthSource`."""

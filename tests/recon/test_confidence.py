@@ -129,7 +129,8 @@ class TestFit:
         spoken[:, 0] = 1
         weights = torch.tensor([0.5, 1.0, 0.0, -2.0, 0.3, 0.0, 0.1, 0.4])
         right = torch.rand(len(spoken), generator=generator) < torch.sigmoid(spoken @ weights)
-        return Cases(spoken, torch.full((len(spoken),), MATCHED), right)
+        error_px = torch.where(right, 0.5, 2.0)
+        return Cases(spoken, torch.full((len(spoken),), MATCHED), error_px)
 
     def test_the_weights_that_cases_were_drawn_with_are_found(self, cases):
         found = fitted(cases)

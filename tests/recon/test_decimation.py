@@ -83,11 +83,8 @@ def border_edges(faces):
     return edges[counts == 1]
 
 
-@pytest.mark.parametrize("seed", range(6))
-def test_every_removed_vertex_is_within_the_tolerance_of_what_is_left(seed):
-    values = rough_scene(seed)
-    full, few = full_and_decimated(values)
-
+def errors_of_removed(values, full, few):
+    """Return the removed pixels (N,), and how far what is left passes from each, (N,)."""
     removed = np.setdiff1d(full, few)
     places, triangles = as_points(removed), as_points(few)
     corners = triangles.astype(float)
@@ -106,9 +103,35 @@ def test_every_removed_vertex_is_within_the_tolerance_of_what_is_left(seed):
     low, high = (values.ravel()[end] for end in border_edges(few).T)
     there = np.abs(low + share * (high - low) - values.ravel()[removed][:, None])
     at_border = np.where(far <= BORDER_PX + 1e-9, there, np.inf).min(axis=1)
+    return removed, np.minimum(at_pixel, at_border)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_every_removed_vertex_is_within_the_tolerance_of_what_is_left(seed):
+    values = rough_scene(seed)
+    full, few = full_and_decimated(values)
+
+    _, errors = errors_of_removed(values, full, few)
 
     assert len(few) < 0.6 * len(full)
-    assert np.minimum(at_pixel, at_border).max() <= 0.5 + 1e-4
+    assert errors.max() <= 0.5 + 1e-4
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_every_removed_vertex_is_within_its_own_tolerance(seed):
+    values = rough_scene(seed)
+    tolerance = np.where(np.arange(WIDTH) < WIDTH // 2, 0.05, 0.5) * np.ones((HEIGHT, 1))
+    full = grid_faces(values, np.isfinite(values), depth_edge_px=1.0)
+
+    few = simplified(
+        values.astype(np.float32), full, tolerance=tolerance, border=BORDER_PX, shift=np.inf
+    )
+
+    removed, errors = errors_of_removed(values, full, few)
+    assert (errors <= tolerance.ravel()[removed] + 1e-4).all()
+    assert errors.max() > 0.2
+    of_halves = np.bincount(removed % WIDTH >= WIDTH // 2)
+    assert of_halves[0] < 0.7 * of_halves[1]
 
 
 @pytest.mark.parametrize("seed", range(20))

@@ -1,5 +1,7 @@
 """Depth maps of a ball before a wall, drawn exactly, fused to one surface."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -120,6 +122,41 @@ def test_a_view_of_less_error_counts_for_more():
     np.testing.assert_allclose(np.median(surface.vertices[:, 2]), 3.0 + 0.05 / 10, atol=1e-4)
 
 
+def test_a_pixel_of_less_error_counts_for_more():
+    near = ball_before_wall(ball=False, wall_z=3.0)
+    far = ball_before_wall(ball=False, wall_z=3.05)
+    times = np.ones(SHAPE, np.float32)
+    times[:, 80:] = 3
+
+    surface = fused(near, replace(far, noise_times=times))
+
+    z, left = surface.vertices[:, 2], surface.vertices[:, 0] < 0
+    np.testing.assert_allclose(np.median(z[left]), 3.0 + 0.05 / 2, atol=1e-4)
+    np.testing.assert_allclose(np.median(z[~left]), 3.0 + 0.05 / 10, atol=1e-4)
+    sigma = [np.median(surface.sigma_m[half]) for half in (left, ~left)]
+    np.testing.assert_allclose(sigma, NOISE.base_m / np.sqrt([2, 1 + 1 / 9]), rtol=1e-5)
+
+
+def test_pixels_whose_error_exceeds_the_truncation_make_no_surface():
+    times = np.ones(SHAPE, np.float32)
+    times[:, 80:] = 1.1 * QUICK.truncation_m / NOISE.base_m
+
+    surface = fused(replace(ball_before_wall(ball=False), noise_times=times))
+
+    assert surface.vertices[:, 0].min() < -1.9
+    assert surface.vertices[:, 0].max() < VOXEL
+
+
+def test_what_a_pixel_that_is_unsure_sees_through_is_not_emptied():
+    truth = ball_before_wall(ball=False)
+    wrong = ball_before_wall(ball=False, wall_z=WALL_Z + 1.0)
+    unsure = replace(wrong, noise_times=np.full(SHAPE, 80, np.float32))  # 0.4 m
+
+    surface = fused(truth, *[unsure] * 3, settings=Fusion(VOXEL, min_views=1, max_depth_m=3.5))
+
+    assert np.abs(np.median(surface.vertices[:, 2]) - WALL_Z) < VOXEL / 10
+
+
 def test_what_moved_away_is_seen_through_and_gone():
     there, gone = ball_before_wall(), ball_before_wall(ball=False)
 
@@ -209,7 +246,6 @@ def test_the_error_of_stereo_is_that_of_the_conventions():
     noise = stereo_noise(geometry, 0.5)
 
     np.testing.assert_allclose(noise.sigma_m(np.array([2.0])), 2.0**2 / (120 * 0.1) * 0.5)
-    np.testing.assert_allclose(noise.sigma_m(noise.depth_with(0.3)), 0.3)
 
 
 @pytest.mark.parametrize(

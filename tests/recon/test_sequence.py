@@ -90,7 +90,7 @@ def test_the_fused_surface_is_nearer_to_the_truth_than_any_pair_by_half(pairs):
         there = seen_from(walk.scene, pose)
         view = source.view(source.see(frames[place]), Pose.identity())
         cast = depth_seen(fused.surface.vertices, fused.surface.faces, view, pose)
-        used = (view.trust >= fused.fusion.min_trust) & (view.depth <= fused.farthest_m)
+        used = fused.fusion.solid(view)
         used &= np.isfinite(cast)
         alone = np.median(off_surface(there, view.positions(used)))
         together = np.median(off_surface(there, replace(view, depth=cast).positions(used)))

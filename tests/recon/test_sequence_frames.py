@@ -157,7 +157,8 @@ def test_depths_are_read_in_their_unit(tmp_path):
 def test_a_kept_frame_is_read_as_it_was_and_a_damaged_one_is_not(tmp_path):
     kept = KeptFrames(tmp_path / "kept")
     depth = np.array([[1.5, np.nan]], np.float32)
-    frame = SeenFrame(depth, np.array([[255, 0]], np.uint8), np.zeros((1, 2, 3), np.uint8))
+    times = np.array([[0.25, np.nan]], np.float16)
+    frame = SeenFrame(depth, np.array([[255, 0]], np.uint8), np.zeros((1, 2, 3), np.uint8), times)
 
     kept.put("one", frame)
     kept.put("two", frame)
@@ -165,6 +166,7 @@ def test_a_kept_frame_is_read_as_it_was_and_a_damaged_one_is_not(tmp_path):
     read = kept.get("one")
     np.testing.assert_array_equal(read.depth, depth)
     np.testing.assert_array_equal(read.trust, frame.trust)
+    np.testing.assert_array_equal(read.noise_times, times)
     assert kept.get("three") is None
     (tmp_path / "kept" / "one.npz").write_bytes(b"PK\x03\x04 cut off")
     assert kept.get("one") is None
@@ -183,15 +185,20 @@ def test_other_files_or_settings_have_another_fingerprint(tmp_path):
     assert len({s.fingerprint(f) for s in (source, other) for f in frames}) == 4
 
 
-def test_the_voxel_follows_the_pixel_or_the_error_whichever_is_larger():
-    def voxel(noise):
-        depth, image = np.full((6, 8), 4.0, np.float32), np.zeros((6, 8, 3), np.uint8)
-        K = np.diag([100.0, 100, 1])
-        view = DepthView(depth, np.ones((6, 8), np.float32), image, K, noise, Pose.identity())
+def test_the_voxel_follows_the_pixel_or_the_error_or_what_is_seen_whichever_is_largest():
+    def voxel(noise, *, times=None, width=8):
+        depth, image = np.full((6, width), 4.0, np.float32), np.zeros((6, width, 3), np.uint8)
+        trust, K = np.ones(depth.shape, np.float32), np.diag([100.0, 100, 1])
+        if times is not None:
+            times = np.resize(np.array(times, np.float32), depth.shape)
+        view = DepthView(depth, trust, image, K, noise, Pose.identity(), times)
         return SequenceSettings().fusion_for([view], 1).voxel_m
 
     assert voxel(DepthNoise(0.001, 0.0)) == pytest.approx(0.06)
-    assert voxel(DepthNoise(0.4, 0.0)) == pytest.approx(0.1)
+    assert voxel(DepthNoise(0.2, 0.0)) == pytest.approx(0.1)
+    # Half of the pixels are ten times less sure, and hardly count: sqrt(2) of what the others say.
+    assert voxel(DepthNoise(0.2, 0.0), times=(1, 10)) == pytest.approx(0.15)
+    assert voxel(DepthNoise(0.001, 0.0), width=1200) == pytest.approx(0.12)
 
 
 @pytest.mark.parametrize(
