@@ -42,7 +42,8 @@ class Fusion:
         min_views: fewest views that a surface must be seen by; raising it removes more wrong
             matches and what only few views show.
         smallest_piece_m2: connected pieces of less area are left out; None means those smaller than
-            a square of 20 voxels.
+            a square of 20 voxels if `min_views` see them, and n^2 times smaller if n times as many
+            do.
         max_depth_m: farther depths make no surface; None means those whose standard deviation
             exceeds the truncation, which would cut their errors off.
 
@@ -173,7 +174,10 @@ class Volume:
     def surface(self) -> FusedSurface:
         """Return the surface so far, without fragments, in an order that depends on it alone."""
         found = self._extracted()
-        return in_canonical_order(without_fragments(found, self.settings.smallest_m2))
+        settings = self.settings
+        few = settings.min_views if settings.smallest_piece_m2 is None else math.inf
+        pieces = without_fragments(found, settings.smallest_m2, few_views=few)
+        return in_canonical_order(pieces)
 
     def points(self) -> tuple[Array, Array]:
         """Return where the surface is so far, (N, 3) metres, and its colours (N, 3) uint8."""

@@ -67,18 +67,29 @@ EMPTY = FusedSurface(
 )
 
 
-def without_fragments(surface: FusedSurface, smallest_m2: float) -> FusedSurface:
-    """Return the connected pieces whose area is at least `smallest_m2`.
+def without_fragments(
+    surface: FusedSurface, smallest_m2: float, *, few_views: float = 1.0
+) -> FusedSurface:
+    """Return the connected pieces that are large, or smaller and seen by many views.
+
+    Wrong matches agree by chance, in small pieces and in few views: what n times as many see may
+    be n^2 times smaller.
 
     Args:
         surface: F faces.
-        smallest_m2: raising it leaves fewer, larger pieces; 0 keeps all.
+        smallest_m2: least area of a piece seen by `few_views`; 0 keeps all.
+        few_views: how many views see what is seen by few.
     """
     if not len(surface.faces):
         return surface
-    piece = components(surface.faces, len(surface.vertices))
-    area = np.bincount(piece, _areas(surface), minlength=len(surface.vertices))
-    return surface.chosen(area[piece] >= smallest_m2)
+    piece, areas = components(surface.faces, len(surface.vertices)), _areas(surface)
+    seen = surface.views[surface.faces].mean(axis=1)
+    area, area_views = (
+        np.bincount(piece, each, minlength=len(surface.vertices)) for each in (areas, areas * seen)
+    )
+    views = area_views / np.maximum(area, np.finfo(np.float64).tiny)
+    worth = area * np.maximum(1.0, views / few_views) ** 2
+    return surface.chosen(worth[piece] >= smallest_m2)
 
 
 def _areas(surface: FusedSurface) -> Array:

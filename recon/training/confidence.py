@@ -6,7 +6,7 @@ No network was trained on these scenes.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from functools import lru_cache
 
 import numpy as np
@@ -63,10 +63,9 @@ def match_generated(matcher: Matcher, seeds: range) -> Cases:
     """Match generated pairs as two cameras would take them.
 
     Args:
-        matcher: without probabilities of its own.
+        matcher: as it is used; its confidence bears on the refinements after it.
         seeds: of the pairs.
     """
-    matcher = replace(matcher, confidence=None)
     parts = [_match_one(matcher, seed) for seed in seeds]
     return Cases(
         torch.cat([part.evidence for part in parts]),

@@ -8,6 +8,7 @@ import pytest
 from calib import Pose
 from calib.rig import RectifiedGeometry
 from recon.fusion import DepthNoise, DepthView, Fusion, Volume, stereo_noise
+from recon.fusion.surface import FusedSurface, without_fragments
 
 K = np.array([[120.0, 0, 79.5], [0, 120.0, 59.5], [0, 0, 1]])
 SHAPE = (120, 160)
@@ -262,3 +263,21 @@ def test_the_error_of_stereo_is_that_of_the_conventions():
 def test_a_setting_out_of_range_is_named(setting, value):
     with pytest.raises(ValueError, match=setting):
         Fusion(**{"voxel_m": 0.1, setting: value})
+
+
+def test_a_small_piece_stays_if_many_views_see_it():
+    def triangle(x_m, side_m):
+        corners = [[x_m, 0, 1], [x_m + side_m, 0, 1], [x_m, side_m, 1]]
+        return np.array(corners, np.float32)
+
+    vertices = np.concatenate([triangle(0, 2.0), triangle(5, 0.5), triangle(9, 0.5)])
+    views = np.repeat(np.float32([2, 8, 2]), 3)
+    zeros, ones = np.zeros((9, 3), np.float32), np.ones(9, np.float32)
+    faces = np.arange(9, dtype=np.int32).reshape(3, 3)
+    surface = FusedSurface(vertices, faces, zeros, zeros.astype(np.uint8), ones, views, ones)
+
+    kept = without_fragments(surface, 1.0, few_views=2)
+
+    assert sorted(set(kept.vertices[:, 0] // 4)) == [0, 1]  # the last is small and seen by few
+    assert len(without_fragments(surface, 0.1, few_views=2).faces) == 3
+    assert len(without_fragments(surface, 1.0, few_views=8).faces) == 1
