@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -60,17 +61,22 @@ class LearnedOptimisation:
             cost and the aggregation on which they were trained.
         averaged_px: where the network and the semi-global paths differ by at most this, the mean of
             both is taken: their errors below a pixel have little to do with each other.
+        doubted_px: where they differ by more and the network states that it is off by more than
+            this, the scale of its Laplace law, the paths decide: a doubtful guess of the network is
+            less often right than theirs. Infinite leaves it to the network.
         precision: of the network, see `in_precision`; it was trained in bfloat16.
     """
 
     weights: str = "regulariser"
     averaged_px: float = 2.0
+    doubted_px: float = math.inf
     precision: Precision = "auto"
 
     def __post_init__(self) -> None:
         check_precision(self.precision)
-        if self.averaged_px < 0:
-            raise ValueError(f"averaged_px must not be negative, got {self.averaged_px}")
+        for name in ("averaged_px", "doubted_px"):
+            if not getattr(self, name) >= 0:
+                raise ValueError(f"{name} must not be negative, got {getattr(self, name)}")
 
     @property
     def margin_px(self) -> int:
@@ -92,9 +98,11 @@ class LearnedOptimisation:
             estimate = network(cost[None], paths[None], winner[None], view.permute(2, 0, 1)[None])
         alone, last = estimate.disparity[0], len(volume.disparities) - 1
         agreed = (alone - winner).abs() <= self.averaged_px
-        chosen = torch.where(agreed, (alone + winner) / 2, alone)
+        scale = estimate.log_scale[0].exp()
+        told = torch.where(scale > self.doubted_px, winner, alone)
+        chosen = torch.where(agreed, (alone + winner) / 2, told)
         values = chosen.clamp(0, last) + volume.disparities[0]
-        confidence = 1 - torch.exp(-RIGHT_PX * torch.exp(-estimate.log_scale[0]))
+        confidence = 1 - torch.exp(-RIGHT_PX / scale)
         found = cost.isfinite().any(-1)
         if volume.of_right:
             values, confidence, found = (each.flip(1) for each in (values, confidence, found))

@@ -325,9 +325,33 @@ class TestOptimisation:
         torch.testing.assert_close(mixed[near], ((alone + winner) / 2)[near])
         assert torch.equal(mixed[~near], alone[~near])
 
+    def test_what_the_network_doubts_is_decided_by_the_paths(self, network, tmp_path):
+        torch.nn.init.normal_(network.correction[-1].weight)  # else it doubts all alike
+        weights = tmp_path / "doubting.safetensors"
+        save_regulariser(weights, network, about={})
+        cost, view = random_costs(32, 64, 16), random_view(32, 64)
+        volume = CostVolume(cost, range(16))
+        _, winner = hints(cost, view)
+        alone = LearnedOptimisation(str(weights), averaged_px=0)(volume, guide=view)
+        scale = -1 / torch.log1p(-alone.confidence)  # confidence is 1 - exp(-1 / b)
+        limit = float(scale.median())
+
+        found = LearnedOptimisation(str(weights), averaged_px=0, doubted_px=limit)(
+            volume, guide=view
+        )
+
+        doubted = scale > limit * (1 + 1e-5)
+        assert 0.3 < doubted.float().mean() < 0.7
+        torch.testing.assert_close(found.values[doubted], winner[doubted])
+        sure = scale < limit * (1 - 1e-5)
+        assert torch.equal(found.values[sure], alone.values[sure])
+        assert torch.equal(found.confidence, alone.confidence)
+
     def test_a_negative_distance_is_refused(self):
         with pytest.raises(ValueError, match="averaged_px must not be negative, got -1"):
             LearnedOptimisation(averaged_px=-1)
+        with pytest.raises(ValueError, match="doubted_px must not be negative, got nan"):
+            LearnedOptimisation(doubted_px=float("nan"))
 
     def test_a_volume_of_the_right_view_says_so(self):
         volume = CostVolume(random_costs(4, 20, 6), range(6))
