@@ -62,8 +62,9 @@ class LearnedOptimisation:
         averaged_px: where the network and the semi-global paths differ by at most this, the mean of
             both is taken: their errors below a pixel have little to do with each other.
         doubted_px: where they differ by more and the network states that it is off by more than
-            this, the scale of its Laplace law, the paths decide: a doubtful guess of the network is
-            less often right than theirs. Infinite leaves it to the network.
+            this, the scale of its Laplace law, the paths decide, unless the network takes the pixel
+            for hidden: a doubtful guess of the network is less often right than theirs. Infinite
+            leaves it to the network.
         precision: of the network, see `in_precision`; it was trained in bfloat16.
     """
 
@@ -99,7 +100,8 @@ class LearnedOptimisation:
         alone, last = estimate.disparity[0], len(volume.disparities) - 1
         agreed = (alone - winner).abs() <= self.averaged_px
         scale = estimate.log_scale[0].exp()
-        told = torch.where(scale > self.doubted_px, winner, alone)
+        seen = estimate.occlusion[0] < 0
+        told = torch.where(seen & (scale > self.doubted_px), winner, alone)
         chosen = torch.where(agreed, (alone + winner) / 2, told)
         values = chosen.clamp(0, last) + volume.disparities[0]
         confidence = 1 - torch.exp(-RIGHT_PX / scale)
