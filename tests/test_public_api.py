@@ -34,7 +34,7 @@ PUBLIC = {
         load_regulariser save_features save_regulariser shipped_weights stored_regulariser""",
     "recon.optimisation": """LearnedOptimisation OPTIMISATIONS Optimisation SemiGlobal
         WinnerTakesAll""",
-    "recon.refinement": "REFINEMENTS DomainTransform Median Refinement WeightedMedian",
+    "recon.refinement": "REFINEMENTS DomainTransform LocalPlanes Median Refinement WeightedMedian",
     "recon.viewer": "Drawing Limits Page RerunObserver archetypes open_recording serve_recording",
 }
 

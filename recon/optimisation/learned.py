@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -63,21 +62,22 @@ class LearnedOptimisation:
             both is taken: their errors below a pixel have little to do with each other.
         doubted_px: where they differ by more and the network states that it is off by more than
             this, the scale of its Laplace law, the paths decide, unless the network takes the pixel
-            for hidden: a doubtful guess of the network is less often right than theirs. Infinite
+            for hidden: a doubtful guess of the network is less often right than theirs. None
             leaves it to the network.
         precision: of the network, see `in_precision`; it was trained in bfloat16.
     """
 
     weights: str = "regulariser"
     averaged_px: float = 2.0
-    doubted_px: float = math.inf
+    doubted_px: float | None = None
     precision: Precision = "auto"
 
     def __post_init__(self) -> None:
         check_precision(self.precision)
         for name in ("averaged_px", "doubted_px"):
-            if not getattr(self, name) >= 0:
-                raise ValueError(f"{name} must not be negative, got {getattr(self, name)}")
+            value = getattr(self, name)
+            if value is not None and not value >= 0:
+                raise ValueError(f"{name} must not be negative, got {value}")
 
     @property
     def margin_px(self) -> int:
@@ -100,9 +100,10 @@ class LearnedOptimisation:
         alone, last = estimate.disparity[0], len(volume.disparities) - 1
         agreed = (alone - winner).abs() <= self.averaged_px
         scale = estimate.log_scale[0].exp()
-        seen = estimate.occlusion[0] < 0
-        told = torch.where(seen & (scale > self.doubted_px), winner, alone)
-        chosen = torch.where(agreed, (alone + winner) / 2, told)
+        chosen = torch.where(agreed, (alone + winner) / 2, alone)
+        if self.doubted_px is not None:
+            doubted = ~agreed & (scale > self.doubted_px) & (estimate.occlusion[0] < 0)
+            chosen = torch.where(doubted, winner, chosen)
         values = chosen.clamp(0, last) + volume.disparities[0]
         confidence = 1 - torch.exp(-RIGHT_PX / scale)
         found = cost.isfinite().any(-1)
