@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Protocol
@@ -20,7 +20,9 @@ from calib.rig import RectifiedGeometry
 from recon.disparity_range import estimate_range
 from recon.files import read_depth, read_image
 from recon.fusion import KINECT_NOISE, DepthNoise, DepthView, stereo_noise
+from recon.matcher import Matcher
 from recon.pairs import PairOnDisk, read_pair
+from recon.refinement import LocalPlanes
 from recon.sequence.frames import FrameOnDisk
 from recon.settings import Preset, spelled_out
 from recon.triangulation import depth_map
@@ -29,7 +31,7 @@ from recon.types import Array
 __all__ = ["DepthSource", "RgbdSource", "SeenFrame", "StereoSource", "looked_at_first"]
 
 STEPS_OF_TRUST = 255
-KEPT_VERSION = 2
+KEPT_VERSION = 3
 """Of the depths kept on disk; another one makes them stale."""
 
 
@@ -107,6 +109,16 @@ class StereoSource:
         """See `DepthSource`."""
         return True
 
+    @cached_property
+    def matcher(self) -> Matcher:
+        """That of the preset without planes: views share what these are off by.
+
+        One view alone is nearer to the truth with them, the mean of many without.
+        """
+        matcher = self.preset.matcher
+        kept = (each for each in matcher.refinements if not isinstance(each, LocalPlanes))
+        return replace(matcher, refinements=tuple(kept))
+
     def see(self, frame: FrameOnDisk) -> SeenFrame:
         """See `DepthSource`; what the preset leaves out of clouds has no depth."""
         pair = _rectified(
@@ -120,7 +132,7 @@ class StereoSource:
             self.rectifier,
             self.geometry.size,
         )
-        disparity = self.preset.matcher(pair, self.disparities, device=self.device)
+        disparity = self.matcher(pair, self.disparities, device=self.device)
         kept = self.preset.triangulation.kept_pixels(disparity, pair.geometry)
         depth = np.where(kept, depth_map(disparity, pair.geometry), np.nan)
         trust = np.rint(np.clip(disparity.confidence, 0, 1) * STEPS_OF_TRUST)
