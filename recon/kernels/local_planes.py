@@ -20,7 +20,7 @@ UNSURE = 0.125
 LEAST_WEIGHT = 1.0
 """Of all values of a plane together; the pixel's own weighs up to 1."""
 RIDGE = 0.002
-"""Added to the second moments, of (radius)^2: a line of values leaves the slope across it 0."""
+"""Added to the second moments, of (radius)^2: across a line of values the slope stays."""
 
 
 class Belonging(NamedTuple):
