@@ -28,6 +28,8 @@ ROWS = {
     "no-check": "left_right_tolerance_px=1e9 min_segment_px=0",
     "islands": "min_segment_px=0",
     "flat-filling": "filling.most_rise_px=0.0",
+    "background-filling": "filling=background",
+    "contradicted-filling": "filling.tolerance_px=1e9",
     "no-refinement": "refinements=[]",
     "median-alone": "refinements=['median']",
     "no-planes": f"refinements=['median',{DOUBTED}]",

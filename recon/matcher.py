@@ -16,7 +16,7 @@ from recon.aggregation import Aggregation
 from recon.coarse_to_fine import CoarseToFine, both_views_checked
 from recon.confidence import Confidence
 from recon.consistency import left_right_check, reject_small_segments
-from recon.filling import Filling
+from recon.filling import Filling, SurfaceFilling
 from recon.matching_cost import MatchingCost
 from recon.observer import Observer, ignore
 from recon.optimisation import Optimisation, WinnerTakesAll
@@ -60,7 +60,7 @@ class Matcher:
     optimisation: Optimisation = field(default_factory=WinnerTakesAll)
     left_right_tolerance_px: float = 1.0
     min_segment_px: int = 100
-    filling: Filling | None = field(default_factory=Filling)
+    filling: Filling | None = field(default_factory=SurfaceFilling)
     confidence: Confidence | None = None
     refinements: tuple[Refinement, ...] = ()
     volume_limit_mb: float = 768.0
@@ -117,7 +117,7 @@ class Matcher:
         disparity = reject_small_segments(disparity, min_segment_px=self.min_segment_px)
         observe("small_segments", disparity)
         if self.filling is not None:
-            disparity = self.filling(disparity)
+            disparity = self.filling(disparity, of_right=of_right, guide=left)
             observe("filling", disparity)
         if self.confidence is not None:
             disparity = self.confidence(disparity, of_left, of_right, guide=left)

@@ -21,7 +21,7 @@ from recon.cloud_filters import CloudFilters
 from recon.coarse_to_fine import CoarseToFine
 from recon.confidence import Confidence
 from recon.disparity_noise import DisparityNoise
-from recon.filling import Filling
+from recon.filling import FILLINGS, SurfaceFilling
 from recon.matcher import Matcher
 from recon.matching_cost import MATCHING_COSTS
 from recon.meshing import Meshing
@@ -50,17 +50,18 @@ STAGES: dict[str, Mapping[str, type]] = {
     "matching_cost": MATCHING_COSTS,
     "aggregation": AGGREGATIONS,
     "optimisation": OPTIMISATIONS,
+    "filling": FILLINGS,
     "refinements": REFINEMENTS,
 }
 """Stages with a choice of methods; `refinements` is a list of them."""
 
 OPTIONS: dict[str, type] = {
-    "filling": Filling,
+    "filling": SurfaceFilling,
     "confidence": Confidence,
     "coarse_to_fine": CoarseToFine,
     "row_alignment": RowAlignment,
 }
-"""Stages of one method that can be left out by `false`, and put in by `true`."""
+"""Stages that can be left out by `false`, and put in by `true`: with what is built then."""
 
 AFTER_MATCHING = ("disparity_noise", "triangulation", "cloud", "meshing")
 """Sections that are not of the matcher."""
@@ -227,11 +228,13 @@ def _stage(name: str, value: Any) -> Any:  # noqa: ANN401  whatever the file hol
         if not isinstance(value, list | tuple):
             raise ValueError(f"refinements must be a list such as ['median'], got {value!r}")
         return tuple(_method(name, entry) for entry in value)
-    if name in STAGES:
+    if name in OPTIONS and isinstance(value, bool):
+        return _build(OPTIONS[name], {}, name) if value else None
+    named = isinstance(value, str) or (isinstance(value, Mapping) and "method" in value)
+    if name in STAGES and (named or name not in OPTIONS):
         return _method(name, value)
     if name in OPTIONS:
-        kind = OPTIONS[name]
-        return _build(kind, {} if value is True else value, name) if value is not False else None
+        return _build(OPTIONS[name], value, name)
     return value
 
 
@@ -294,10 +297,12 @@ def spelled_out(preset: Preset) -> Table:
         value = getattr(preset.matcher, entry.name)
         if isinstance(value, tuple):
             table[entry.name] = [_spelled_method(entry.name, item) for item in value]
+        elif entry.name in OPTIONS and value is None:
+            table[entry.name] = False
         elif entry.name in STAGES:
             table[entry.name] = _spelled_method(entry.name, value)
         elif entry.name in OPTIONS:
-            table[entry.name] = _spelled(value) if value is not None else False
+            table[entry.name] = _spelled(value)
         else:
             table[entry.name] = value
     noise = preset.triangulation.noise

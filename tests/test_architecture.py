@@ -82,6 +82,7 @@ NEVER_IN = {
         "recon.matching_cost",
         "recon.aggregation",
         "recon.optimisation",
+        "recon.filling",
         "recon.refinement",
         "recon.matcher",
     ),

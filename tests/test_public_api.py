@@ -17,6 +17,7 @@ PUBLIC = {
         check_writable read_calibration write_calibration""",
     "recon": """Preset Reconstruction check_rectification load_preset read_pair reconstruct
         rectify_and_check""",
+    "recon.filling": "FILLINGS BackgroundFilling Filling SurfaceFilling",
     "recon.aggregation": """AGGREGATIONS Aggregation BilateralAggregation BoxAggregation
         NoAggregation""",
     "recon.files": """CLOUD_FORMATS atomic image_size read_cloud read_depth read_image

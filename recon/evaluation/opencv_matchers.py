@@ -17,7 +17,7 @@ from torch import Tensor
 
 from calib.pair import Image, RectifiedPair
 from recon.consistency import left_right_check, reject_small_segments
-from recon.filling import Filling
+from recon.filling import Filling, SurfaceFilling
 from recon.types import Array, DisparityMap, PixelStatus
 
 __all__ = ["OPENCV_MATCHERS", "OpenCvMatcher"]
@@ -86,7 +86,7 @@ class OpenCvMatcher:
     fill: str = "ours"
     left_right_tolerance_px: float = 1.0
     min_segment_px: int = 100
-    filling: Filling = field(default_factory=Filling)
+    filling: Filling = field(default_factory=SurfaceFilling)
 
     def __post_init__(self) -> None:
         _check_name("algorithm", self.algorithm, ALGORITHMS)
@@ -129,7 +129,8 @@ class OpenCvMatcher:
             of_left, of_right, disparities, tolerance_px=self.left_right_tolerance_px
         )
         disparity = reject_small_segments(disparity, min_segment_px=self.min_segment_px)
-        disparity = self.filling(disparity)
+        guide = torch.from_numpy(np.divide(pair.left, np.float32(255)))
+        disparity = self.filling(disparity, of_right=_measured(of_right), guide=guide)
         return DisparityMap(
             *(a.numpy() for a in (disparity.values, disparity.status, disparity.confidence))
         )

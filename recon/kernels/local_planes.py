@@ -11,7 +11,7 @@ from torch import Tensor
 from recon.kernels.compiled import Array, array_of, compiled, prange
 from recon.kernels.planes import plane_slopes
 
-__all__ = ["Belonging", "local_planes"]
+__all__ = ["Belonging", "local_planes", "planes_at"]
 
 FIRST_RADIUS, FIRST_EDGE, FIRST_NOISE = 4, 1.0, 0.5
 """Of the planes to begin with, see `plane_slopes`."""
@@ -66,24 +66,56 @@ def local_planes(
     start, trust, colours = array_of(values), array_of(weights), array_of(guide)
     slopes = plane_slopes(start, radii=(FIRST_RADIUS,), edge=FIRST_EDGE, noise=FIRST_NOISE)
     planes = np.concatenate((start[..., None], slopes), -1)
+    there = ~np.isnan(start)
     for number in range(rounds):
-        fitted = planes.copy()
-        _fit(start, trust, colours, planes, *belonging, 0.0 if number else UNSURE, fitted)
+        fitted, unsure = planes.copy(), 0.0 if number else UNSURE
+        _fit(start, trust, colours, planes, *belonging, unsure, there, LEAST_WEIGHT, fitted)
         planes = fitted
     return torch.from_numpy(np.ascontiguousarray(planes[..., 0])).to(values.device)
+
+
+def planes_at(
+    wanted: Tensor,
+    values: Tensor,
+    weights: Tensor,
+    guide: Tensor,
+    belonging: Belonging,
+    *,
+    least: float,
+) -> Tensor:
+    """Return the planes through some values: one round of `local_planes`, begun level.
+
+    Args:
+        wanted: (H, W) bool, where `values` are not missing.
+        values: (H, W) float32; NaN is missing.
+        weights: (H, W) float32 in [0, 1].
+        guide: (H, W, 3) float32.
+        belonging: which values count.
+        least: weight of all values of a plane together; with less it is level, at the value itself.
+
+    Returns:
+        (H, W, 3) float32 on the device of `values`: value, change along the row and along the
+        column; level where not wanted, NaN where missing.
+    """
+    start, trust, colours = array_of(values), array_of(weights), array_of(guide)
+    level = np.where(np.isnan(start), start, np.float32(0))
+    planes = np.stack((start, level, level), -1)
+    fitted = planes.copy()
+    _fit(start, trust, colours, planes, *belonging, 0.0, array_of(wanted), least, fitted)
+    return torch.from_numpy(fitted).to(values.device)
 
 
 @compiled(parallel=True)
 def _fit(  # noqa: PLR0913  compiled
     values: Array, weights: Array, guide: Array, planes: Array, radius: int, step: int,
-    colour: float, tolerance: float, unsure: float, fitted: Array,
+    colour: float, tolerance: float, unsure: float, wanted: Array, least: float, fitted: Array,
 ) -> None:  # fmt: skip
     """Fill `fitted` (H, W, 3) with value and slopes; `planes` are those of the round before."""
     height, width = values.shape
     for y in prange(height):
         rows = slice(y - min(radius, y) // step * step, min(height, y + radius + 1), step)
         for x in range(width):
-            if np.isnan(values[y, x]):
+            if not wanted[y, x]:
                 continue
             columns = slice(x - min(radius, x) // step * step, min(width, x + radius + 1), step)
             moments = _moments(
@@ -91,7 +123,7 @@ def _fit(  # noqa: PLR0913  compiled
                 y - rows.start, x - columns.start, step, radius, guide[y, x], planes[y, x],
                 colour, tolerance, unsure,
             )  # fmt: skip
-            if moments[0] >= LEAST_WEIGHT:
+            if moments[0] >= least:
                 level, across, down = _solution(moments, RIDGE * radius * radius)
                 fitted[y, x, 0] = planes[y, x, 0] + level
                 fitted[y, x, 1] = planes[y, x, 1] + across

@@ -5,6 +5,7 @@ import json
 import pytest
 
 from recon.aggregation import AGGREGATIONS
+from recon.filling import SurfaceFilling
 from recon.matching_cost import MATCHING_COSTS, Census, SumOfAbsoluteDifferences
 from recon.refinement import DomainTransform, Median
 from recon.settings import (
@@ -78,7 +79,7 @@ class TestPresets:
     @pytest.mark.parametrize("stage", [stage for stage in STAGES if stage != "refinements"])
     def test_every_method_of_every_stage_survives_spelling(self, stage, small, tmp_path):
         for method in STAGES[stage]:
-            preset = with_overrides(small, f"{stage}.method={method}", "filling=false")
+            preset = with_overrides(small, f"{stage}.method={method}")
             path = tmp_path / "again.toml"
             path.write_text(as_toml(spelled_out(preset)))
 
@@ -145,8 +146,8 @@ class TestOverrides:
         changed = with_overrides(small, "filling.confidence=0.5")
 
         assert off.matcher.filling is None
-        assert on.matcher.filling == load_preset(small).matcher.filling
-        assert changed.matcher.filling.confidence == 0.5
+        assert on.matcher.filling == SurfaceFilling()
+        assert changed.matcher.filling == SurfaceFilling(confidence=0.5)
 
     def test_the_command_line_wins_over_the_file_and_the_file_over_the_preset(
         self, small, tmp_path
@@ -213,7 +214,7 @@ class TestMistakes:
             ("matching_cost.rows_px=4", r"^matching_cost census: .* odd .*4 x 9$"),
             ("left_right_tolerance_px=-1", r"^left_right_tolerance_px must not be negative"),
             ("left_right_tolerance_px=low", r"^left_right_tolerance_px: .*valid number.*'low'$"),
-            ("filling=none", r"^filling must be a table of settings, got 'none'$"),
+            ("filling=none", r"^unknown method 'none' for filling; .* background, surfaces$"),
             ("filling.confidence=2", r"^filling: confidence must be in \[0, 1\], got 2"),
             ("refinements=median", r"^refinements must be a list such as \['median'\], got "),
             ("refinements=5", r"^refinements must be a list such as \['median'\], got 5$"),

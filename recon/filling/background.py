@@ -1,4 +1,4 @@
-"""Disparities for the pixels that have none."""
+"""What lies behind an occlusion, by rows; what lies around a mismatch, by directions."""
 
 from __future__ import annotations
 
@@ -7,14 +7,15 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from recon.filling.protocol import filled
 from recon.kernels.holes import from_directions, from_row
 from recon.types import DisparityMap, PixelStatus
 
-__all__ = ["Filling"]
+__all__ = ["BackgroundFilling"]
 
 
 @dataclass(frozen=True)
-class Filling:
+class BackgroundFilling:
     """Give every rejected pixel the disparity of a surface beside it.
 
     What one view cannot see lies behind what hides it: occluded pixels, and those outside, take
@@ -41,29 +42,19 @@ class Filling:
         if self.most_rise_px < 0:
             raise ValueError(f"most_rise_px must not be negative, got {self.most_rise_px}")
 
-    def __call__(self, disparity: DisparityMap[Tensor]) -> DisparityMap[Tensor]:
-        """Fill all holes.
-
-        Args:
-            disparity: (H, W).
-
-        Returns:
-            (H, W) with a disparity everywhere; `disparity` itself if no pixel is matched.
-        """
+    def __call__(
+        self,
+        disparity: DisparityMap[Tensor],
+        *,
+        of_right: DisparityMap[Tensor],  # noqa: ARG002  all fillings are called alike
+        guide: Tensor,  # noqa: ARG002
+    ) -> DisparityMap[Tensor]:
+        """Fill all holes; see `Filling`."""
         matched = disparity.status == int(PixelStatus.MATCHED)
         if not matched.any():
             return disparity
         known = torch.where(matched, disparity.values, float("nan"))
         mismatched = disparity.status == int(PixelStatus.MISMATCHED)
         around = from_directions(known, mismatched)
-        interpolated = ~around.isnan()
-        values = torch.where(interpolated, around, from_row(known, most_rise=self.most_rise_px))
-        status = torch.where(
-            interpolated, int(PixelStatus.FILLED_MISMATCH), int(PixelStatus.FILLED_OCCLUSION)
-        ).to(disparity.status.dtype)
-        low = self.confidence * disparity.confidence[matched].median()
-        return DisparityMap(
-            torch.where(matched, disparity.values, values),
-            torch.where(matched, disparity.status, status),
-            torch.where(matched, disparity.confidence, low),
-        )
+        values = torch.where(around.isnan(), from_row(known, most_rise=self.most_rise_px), around)
+        return filled(disparity, values, ~around.isnan(), confidence=self.confidence)
