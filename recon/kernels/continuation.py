@@ -20,7 +20,7 @@ STEP = 0.001
 DOUBT = 0.2
 """What it costs to begin where the confidence is 0."""
 CONTRADICTED = 20.0
-"""What it costs if the other view sees something farther where the value would be."""
+"""What it costs if the other grid has a smaller value where this one would be."""
 BLUR = 0.02
 """Changes of colour far below this are noise, and tell no direction from another."""
 
@@ -32,7 +32,8 @@ class Continuation(NamedTuple):
         planes: (H, W, 3) float32, value and slopes along row and column; NaN in holes.
         confidence: (H, W) float32 in [0, 1].
         guide: (H, W, 3) float32.
-        other: (H, W) float32, disparities of the right view.
+        other: (H, W) float32, a second grid, whose column x - v shows what column x of the first
+            shows if its value is v.
         most_rise: how far a value may differ from that beside the hole by the slopes.
         tolerance: how far above `other` a value may lie.
     """
@@ -61,7 +62,7 @@ def along_colours(offered: Continuation, holes: Tensor) -> Tensor:
 
     The cost of a way is the sum of |I_p - I_q| over its steps, and a little for their length; it
     begins with the doubt about the pixel from which it comes, and grows where the value that it
-    brings is contradicted by the other view. Least ways are found by sweeping over the image.
+    brings is contradicted by the other grid. Least ways are found by sweeping over the image.
 
     Source: Toivanen, New Geodesic Distance Transforms for Gray-Scale Images, Pattern Recognition
     Letters 17(5) 1996 (sweeps).
@@ -73,15 +74,15 @@ def along_colours(offered: Continuation, holes: Tensor) -> Tensor:
     Returns:
         (H, W) float32 on the device of the planes; outside the holes the values of the planes.
     """
-    planes, confidence, *_ = arrays = offered.arrays()
+    planes, confidence, guide, other, most_rise, tolerance = offered.arrays()
     hole = array_of(holes)
     cost = np.where(hole, np.float32(np.inf), DOUBT * (1 - confidence)).astype(np.float32)
     rows, columns = np.mgrid[: hole.shape[0], : hole.shape[1]]
     for _ in range(ROUNDS):
         for down in (True, False):
-            _sweep(*arrays, hole, down, cost, rows, columns)
+            _sweep(planes, guide, other, most_rise, tolerance, hole, down, cost, rows, columns)
     result = planes[..., 0].copy()
-    _take(planes, hole, rows, columns, offered.most_rise, result)
+    _take(planes, hole, rows, columns, most_rise, result)
     return torch.from_numpy(result).to(offered.planes.device)
 
 
@@ -119,12 +120,12 @@ def _change(one: Array, other: Array) -> float:
 
 @compiled()
 def _contradicted(value: float, x: int, other: Array, tolerance: float) -> bool:
-    """Return whether the other view sees something farther where column `x` would lie.
+    """Return whether the other grid has a smaller value where column `x` would lie.
 
     Args:
-        value: disparity of a pixel.
+        value: of a pixel.
         x: its column.
-        other: (W,), disparities of that row in the right view.
+        other: (W,), that row of the other grid.
         tolerance: how far above them is allowed.
     """
     partner = round(x - value)
@@ -133,18 +134,17 @@ def _contradicted(value: float, x: int, other: Array, tolerance: float) -> bool:
 
 @compiled()
 def _sweep(  # noqa: C901, PLR0913  compiled: one nest of loops
-    planes: Array, confidence: Array, guide: Array, other: Array, most_rise: float,  # noqa: ARG001
-    tolerance: float, holes: Array, down: bool, cost: Array, rows: Array, columns: Array,
+    planes: Array, guide: Array, other: Array, most_rise: float, tolerance: float,
+    holes: Array, down: bool, cost: Array, rows: Array, columns: Array,
 ) -> None:  # fmt: skip
     """Shorten the ways to all holes by those of the row before and the pixel before.
 
     Args:
-        planes: see `Continuation`, and so are the next five.
-        confidence: is in the costs already.
+        planes: see `Continuation`, and so for the next four.
         guide: (H, W, 3).
         other: (H, W).
-        most_rise: see `Continuation`.
-        tolerance: see `Continuation`.
+        most_rise: of a plane.
+        tolerance: of a contradiction.
         holes: (H, W) bool.
         down: begin at the top left, else at the bottom right.
         cost: (H, W), of the way to each pixel; changed.
