@@ -30,7 +30,7 @@ SCENES = (
 )
 """Kinds of scene that are drawn if nobody says, see `recon.training.scenery`."""
 
-HARD = ("street", "bare_room")
+HARD = ("street", "bare_room", "white_room")
 """Kinds of scene where only the surroundings tell the disparity: named to be drawn."""
 
 REPEATING = ("fence", "lattice", "colonnade")

@@ -49,6 +49,7 @@ FAR = {
     "sheets": (1 / 8, 1 / 1.3),
     "street": (1 / 100, 1 / 25),
     "bare_room": (1 / 8, 1 / 2),
+    "white_room": (1 / 8, 1 / 2),
 }
 FAR_ELSEWHERE = (1 / 20, 1 / 1.5)
 PROBE_WIDTH = 80
@@ -185,6 +186,40 @@ def _bare_room(stage: Stage) -> list[Thing]:
     return room(bare) + furniture + solids(stage, dice.whole(1, 8), (0.02, 0.1))
 
 
+def _white_room(stage: Stage) -> list[Thing]:
+    """The same with white walls and what hangs there: nothing else tells them from a bright sky."""
+    things = _bare_room(stage)
+    walls = [thing for thing in things if thing.kind == "rectangle"]
+    painted = [
+        replace(thing, coat=_white(thing.coat, stage.dice))
+        if thing.kind == "rectangle" and stage.dice.chance(0.8)
+        else thing
+        for thing in things
+    ]
+    hung = [_hung(wall, stage) for wall in walls for _ in range(stage.dice.whole(0, 3))]
+    return painted + [picture for picture in hung if picture is not None]
+
+
+def _hung(wall: Thing, stage: Stage) -> Thing | None:
+    """Return a picture on a wall where a random pixel looks at it; None where that is not ahead."""
+    normal = wall.rotation[:, 2]
+    towards = torch.tensor(stage.place(1.0))
+    depth = float(torch.tensor(wall.centre) @ normal / (towards @ normal))
+    if not NEAR_M < depth < NEAR_M / stage.far:
+        return None
+    x, y, z = (0.995 * depth * towards).tolist()  # before the wall
+    half = [stage.metres(stage.dice.uniform(0.02, 0.12) * stage.view.width, z) for _ in range(2)]
+    size = half[0], half[1], 1.0
+    return Thing("rectangle", (x, y, z), size, wall.rotation, stage.painted(z))
+
+
+def _white(coat: Coat, dice: Dice) -> Coat:
+    """Return white paint, even but for a faint grain."""
+    white = 0.7 + 0.25 * torch.rand((), generator=dice.generator)
+    colours = white + 0.04 * torch.randn(2, 3, generator=dice.generator)
+    return Coat("noise", colours.clamp(0.03, 0.97), coat.frequency, grain=0.3, offset=coat.offset)
+
+
 KINDS_OF_SCENE: dict[str, Callable[[Stage], list[Thing]]] = {
     "room": _furnished_room,
     "clutter": _clutter,
@@ -199,6 +234,7 @@ KINDS_OF_SCENE: dict[str, Callable[[Stage], list[Thing]]] = {
     "relief": _relief,
     "street": street,
     "bare_room": _bare_room,
+    "white_room": _white_room,
 }
 
 
