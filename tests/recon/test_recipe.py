@@ -115,6 +115,20 @@ def test_most_walls_of_a_bare_room_are_blank():
     assert np.mean(np.isin(found, ("flat", "gradient"))) > 0.4
 
 
+def test_most_walls_of_a_white_room_are_brighter_than_those_of_a_bare_one():
+    def brightness(kind):
+        coats = [
+            scene.paints.colours[scene.shapes.kind == KINDS.index("rectangle")].mean()
+            for scene, _ in (
+                compose(torch.Generator().manual_seed(seed), SIZE, Recipe(scenes=(kind,)))
+                for seed in range(12)
+            )
+        ]
+        return float(np.mean(coats))
+
+    assert brightness("white_room") > 1.3 * brightness("bare_room")
+
+
 def wall_styles(seed, recipe):
     """Return the styles of the first four surfaces of a scene, which are walls."""
     scene, _ = compose(torch.Generator().manual_seed(seed), SIZE, recipe)
