@@ -11,6 +11,7 @@ generated: a still life seen from exact poses: distance to the exact surface, fu
 from __future__ import annotations
 
 import argparse
+import math
 import os
 import resource
 import subprocess
@@ -36,9 +37,10 @@ from recon.sequence import (
     fuse_sequence,
     poses_of_frames,
 )
+from recon.sequence.frames import FrameOnDisk
 from recon.sequence.sources import looked_at_first
 from recon.settings import load_preset
-from recon.training.composition import View
+from recon.training.composition import Scene, View
 from recon.training.samples import still_life_scene
 from recon.training.scenes import render
 from recon.training.walks import off_surface, seen_from
@@ -53,6 +55,7 @@ FEWEST = 1000
 ROOM_INTRINSICS = ("518", "519", "325.5", "253.5")
 SEEN = View(width=360, height=270, focal_px=380.0, baseline_m=0.14)
 STEPS = 8
+SPARE_PX = 4
 
 
 def run(*arguments: str) -> tuple[float, float, float]:
@@ -245,19 +248,7 @@ def generated(out: Path) -> None:
         Pose.from_values(np.array([0, -0.01 * n, 0, 0.04 * n, 0.01 * n, 0.1 * n]))
         for n in range(STEPS)
     )
-    geometry = RectifiedGeometry(
-        (SEEN.width, SEEN.height), SEEN.focal_px, SEEN.centre, SEEN.centre, SEEN.baseline_m
-    )
-    for side in ("left", "right"):
-        (out / side).mkdir(parents=True, exist_ok=True)
-    for number, pose in enumerate(poses):
-        sample = render(seen_from(scene, pose), SEEN)
-        for side, image in (("left", sample.left), ("right", sample.right)):
-            write_image(out / side / f"{number}.png", (image * 255).round().byte().numpy())
-    rig = out / "rig.json"
-    write_calibration(rig, CalibrationRecord(None, geometry, rig, "json", range(72)))
-
-    frames = find_pairs(out)
+    frames, rig = drawn_pairs(scene, SEEN, poses, out)
     look = looked_at_first(frames, rig)
     source = StereoSource(rig, load_preset("fast"), look.disparities, look.pair.geometry)
     fused = fuse_sequence(frames, source, poses)
@@ -275,6 +266,26 @@ def generated(out: Path) -> None:
             f"pair {number}: median distance {one:.2f} mm alone, {many:.2f} mm fused "
             f"({one / many:.2f} times less), at the {used.mean():.0%} of pixels that both have"
         )
+
+
+def drawn_pairs(
+    scene: Scene, view: View, poses: tuple[Pose, ...], out: Path
+) -> tuple[list[FrameOnDisk], Path]:
+    """Draw a scene from every pose; return the pairs on disk and their calibration."""
+    geometry = RectifiedGeometry(
+        (view.width, view.height), view.focal_px, view.centre, view.centre, view.baseline_m
+    )
+    for side in ("left", "right"):
+        (out / side).mkdir(parents=True, exist_ok=True)
+    largest = 0.0
+    for number, pose in enumerate(poses):
+        sample = render(seen_from(scene, pose), view)
+        largest = max(largest, float(sample.disparity_left.max()))
+        for side, image in (("left", sample.left), ("right", sample.right)):
+            write_image(out / side / f"{number}.png", (image * 255).round().byte().numpy())
+    rig, searched = out / "rig.json", range(math.ceil(largest) + SPARE_PX)
+    write_calibration(rig, CalibrationRecord(None, geometry, rig, "json", searched))
+    return find_pairs(out), rig
 
 
 def depth_seen(surface: FusedSurface, view: DepthView, pose: Pose) -> Array:

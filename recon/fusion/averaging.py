@@ -19,13 +19,15 @@ from recon.kernels.distance_field import average_in
 from recon.open3d_library import loaded_open3d
 from recon.types import Array
 
-__all__ = ["Fusion", "Volume"]
+__all__ = ["CORRELATION", "Fusion", "Volume", "stated_sigma_m"]
 
 BLOCK = 8  # voxels along a side
 FIRST_BLOCKS = 1024
 GROWTH = 1.5
 FARTHEST = 1.0
 LEAST_WEIGHT = 1e-30
+CORRELATION = 0.4
+"""The same matcher errs alike at a place of the world from wherever it looks, but not quite."""
 UP = np.array([0, -1, 0], np.float32)
 
 
@@ -46,6 +48,8 @@ class Fusion:
             do.
         max_depth_m: farther depths make no surface; None means those whose standard deviation
             exceeds the truncation, which would cut their errors off.
+        correlation: of the errors of two views at a place, in [0, 1]; it changes what is stated
+            of the surface and not the surface. Fitted by `benchmarks/fused_errors.py`.
 
     Raises:
         ValueError: if a setting is out of range.
@@ -57,6 +61,7 @@ class Fusion:
     min_views: int = 2
     smallest_piece_m2: float | None = None
     max_depth_m: float | None = None
+    correlation: float = CORRELATION
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.voxel_m) and self.voxel_m > 0):
@@ -65,6 +70,8 @@ class Fusion:
             raise ValueError(f"truncation_voxels must be at least 1, got {self.truncation_voxels}")
         if not 0 <= self.min_trust <= 1:
             raise ValueError(f"min_trust must be in [0, 1], got {self.min_trust}")
+        if not 0 <= self.correlation <= 1:
+            raise ValueError(f"correlation must be in [0, 1], got {self.correlation}")
         if self.min_views < 1:
             raise ValueError(f"min_views must be at least 1, got {self.min_views}")
         if self.smallest_piece_m2 is not None and self.smallest_piece_m2 < 0:
@@ -203,7 +210,7 @@ class Volume:
             mesh.triangle.indices.numpy().astype(np.int32),
             _unit(mesh.vertex.normals.numpy()),
             np.rint(mesh.vertex.colors.numpy() * 255).clip(0, 255).astype(np.uint8),
-            (1 / np.sqrt(np.maximum(total, LEAST_WEIGHT))).astype(np.float32),
+            stated_sigma_m(total, count, self.settings.correlation).astype(np.float32),
             count,
             (trust / np.maximum(count, 1)).astype(np.float32),
         )
@@ -245,6 +252,22 @@ class Volume:
             if needed > table.capacity():
                 table.reserve(int(needed * GROWTH))
             table.activate(self._tensor(missing))
+
+
+def stated_sigma_m(weight: Array, views: Array, correlation: float) -> Array:
+    """Return the standard deviation of a weighted mean of errors that are alike in part.
+
+    n errors of the variance s^2, any two with the correlation r, have a mean of the variance
+    s^2 / n (1 + (n - 1) r), and n / s^2 is the weight W.
+
+    Args:
+        weight: (N,), W in 1 / m^2.
+        views: (N,), n.
+        correlation: r.
+    """
+    alike = 1 + np.maximum(views - 1, 0) * correlation
+    sigma: Array = np.sqrt(alike / np.maximum(weight, LEAST_WEIGHT))
+    return sigma
 
 
 def _in_view(places: Array, view: DepthView, block_m: float) -> Array:

@@ -21,8 +21,7 @@ class FusedSurface:
         faces: (F, 3) int32, counter-clockwise seen from where the cameras stood.
         normals: (V, 3) float32 unit, towards the cameras.
         colours: (V, 3) uint8 RGB.
-        sigma_m: (V,) float32, 1 / sqrt(W) of the weights averaged there: the standard deviation of
-            the surface if the errors of the views were independent, which they are only in part.
+        sigma_m: (V,) float32, the standard deviation of the surface, see `stated_sigma_m`.
         views: (V,) float32, how many views saw the surface there.
         trust: (V,) float32 in [0, 1], the mean of what these views trusted their depths.
     """

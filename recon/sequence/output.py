@@ -101,7 +101,7 @@ def sequence_report(fused: FusedSequence) -> dict[str, Any]:
         "in short": (
             f"{len(surface.vertices):,} points and {len(surface.faces):,} triangles of "
             f"{len(places)} frames, standard deviation {np.median(surface.sigma_m) * 1000:.1f} mm "
-            "in the median if their errors are independent"
+            "in the median"
         ),
         "units": "metres, as far as the calibration and the poses are",
         "frame": "world frame of the poses; mesh.glb in that of the first camera, y up",

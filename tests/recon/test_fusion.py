@@ -8,6 +8,7 @@ import pytest
 from calib import Pose
 from calib.rig import RectifiedGeometry
 from recon.fusion import DepthNoise, DepthView, Fusion, Volume, stereo_noise
+from recon.fusion.averaging import stated_sigma_m
 from recon.fusion.surface import FusedSurface, without_fragments
 
 K = np.array([[120.0, 0, 79.5], [0, 120.0, 59.5], [0, 0, 1]])
@@ -16,7 +17,7 @@ BALL, RADIUS = np.array([0.0, 0.0, 2.0]), 0.5
 WALL_Z = 3.0
 NOISE = DepthNoise(0.005, 0.0)
 VOXEL = 0.04
-QUICK = Fusion(VOXEL, min_views=1, smallest_piece_m2=0.0)
+QUICK = Fusion(VOXEL, min_views=1, smallest_piece_m2=0.0, correlation=0.0)
 
 
 def rays(pose):
@@ -109,6 +110,27 @@ def test_the_sigma_that_is_stated_is_that_of_independent_views():
     np.testing.assert_allclose(np.median(surface.sigma_m), NOISE.base_m / np.sqrt(2), rtol=1e-5)
     assert np.median(surface.views) == 3
     np.testing.assert_allclose(np.median(surface.trust), 2 / 3, rtol=1e-5)
+
+
+@pytest.mark.parametrize("correlation", [0.0, 0.4, 1.0])
+def test_the_sigma_that_is_stated_is_that_of_errors_that_are_alike_in_part(correlation):
+    views, count, draws = 6, np.array([6.0]), 40_000
+    dice = np.random.default_rng(1)
+    shared, own = dice.normal(size=(draws, 1)), dice.normal(size=(draws, views))
+    means = (np.sqrt(correlation) * shared + np.sqrt(1 - correlation) * own).mean(axis=1)
+
+    stated = stated_sigma_m(count, count, correlation)
+
+    np.testing.assert_allclose(stated, means.std(), rtol=0.02)
+
+
+def test_views_that_err_alike_state_a_greater_sigma_of_the_same_surface():
+    views = [ball_before_wall(ball=False) for _ in range(3)]
+
+    apart, alike = (fused(*views, settings=replace(QUICK, correlation=r)) for r in (0.0, 0.5))
+
+    np.testing.assert_array_equal(apart.vertices, alike.vertices)
+    np.testing.assert_allclose(alike.sigma_m, apart.sigma_m * np.sqrt(2), rtol=1e-5)
 
 
 def test_a_view_of_less_error_counts_for_more():
