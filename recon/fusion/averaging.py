@@ -26,7 +26,7 @@ FIRST_BLOCKS = 1024
 GROWTH = 1.5
 FARTHEST = 1.0
 LEAST_WEIGHT = 1e-30
-CORRELATION = 0.4
+CORRELATION = 0.45
 """The same matcher errs alike at a place of the world from wherever it looks, but not quite."""
 UP = np.array([0, -1, 0], np.float32)
 
