@@ -284,7 +284,7 @@ class TestHints:
 
     def test_the_paths_are_those_of_semi_global_matching(self):
         cost, view = random_costs(8, 20, 6), random_view(8, 20)
-        matching = SemiGlobal(0.5, 3.75, across_edge=0.2, shared_slope=-0.5)
+        matching = SemiGlobal(0.5, 2.5, across_edge=0.2, directions=4, shared_slope=-0.4)
 
         paths, winner = hints(cost, view)
 
