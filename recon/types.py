@@ -12,8 +12,9 @@ from typing import Any, Generic, TypeVar
 
 import numpy as np
 import numpy.typing as npt
-import torch
 from torch import Tensor
+
+from recon.kernels.shifts import diagonals
 
 __all__ = [
     "Array",
@@ -87,17 +88,8 @@ class CostVolume:
             The volume of the right view with the same candidates; +inf where x + d leaves the
             left view.
         """
-        height, width, count = self.cost.shape
-        first, last = self.disparities[0], self.disparities[-1]
-        before, after = max(0, -first), max(0, last)
-        padded = torch.nn.functional.pad(
-            self.cost, (0, 0, before, after), value=float("inf")
-        )  # (H, before + W + after, D)
-        row, column = padded.stride(0), padded.stride(1)
-        diagonal = padded.as_strided(
-            (height, width, count), (row, column, column + 1), (before + first) * column
-        )
-        return CostVolume(diagonal.contiguous(), self.disparities, of_right=True)
+        diagonal = diagonals(self.cost, self.disparities)
+        return CostVolume(diagonal, self.disparities, of_right=True)
 
 
 @dataclass(frozen=True, eq=False)

@@ -58,21 +58,25 @@ def path_sums(volume: Tensor, guide: Tensor, costs: PathCosts, *, directions: in
     Returns:
         (H, W, D) float32 on the device of `volume`; +inf where that is.
     """
+    if on_cpu(volume):
+        return _sums_by_threads(volume, guide, costs, directions)
     missing = volume.isinf()
     if missing.all():
         return volume.clone()
     highest = float(torch.where(missing, -torch.inf, volume).max())
-    complete = volume.clamp(max=highest)
-    if on_cpu(volume):
-        result = _sums_by_threads(complete, guide, costs, directions)
-    else:
-        result = _sums_by_lines(complete, guide, costs, directions)
+    result = _sums_by_lines(volume.clamp(max=highest), guide, costs, directions)
     return result.masked_fill_(missing, float("inf"))
 
 
 def _sums_by_threads(volume: Tensor, guide: Tensor, costs: PathCosts, directions: int) -> Tensor:
-    """Return the sums of a complete volume, path by path on the threads of the CPU."""
-    values, lightness = array_of(volume), array_of(guide)
+    """Return the sums, path by path on the threads of the CPU."""
+    given, lightness = array_of(volume), array_of(guide)
+    highest = np.full(len(given), -np.inf, np.float32)
+    _find_highest(given, highest)
+    if highest.max(initial=-np.inf) == -np.inf:
+        return volume.clone()
+    values = np.zeros(given.shape, np.float32)
+    _complete(given, highest.max(), values)
     result = torch.zeros(volume.shape)
     total = array_of(result)
     small, large, edge, across = (np.float32(cost) for cost in costs)
@@ -81,7 +85,37 @@ def _sums_by_threads(volume: Tensor, guide: Tensor, costs: PathCosts, directions
     for slope in (0,) if directions == 4 else (0, 1, -1):
         _down(values, lightness, slope, *pays, total)
         _down(values[::-1], lightness[::-1], slope, *pays, total[::-1])
+    _leave_missing(given, total)
     return result
+
+
+@compiled(parallel=True)
+def _find_highest(volume: Array, highest: Array) -> None:
+    """Fill `highest` (H,) with the greatest value of each row that is not missing."""
+    for y in prange(len(volume)):
+        for column in volume[y]:
+            for value in column:
+                if highest[y] < value < np.inf:
+                    highest[y] = value
+
+
+@compiled(parallel=True)
+def _complete(volume: Array, highest: float, complete: Array) -> None:
+    """Fill `complete` with the volume, and `highest` where that is missing."""
+    for y in prange(len(volume)):
+        for x in range(volume.shape[1]):
+            for k in range(volume.shape[2]):
+                complete[y, x, k] = min(volume[y, x, k], highest)
+
+
+@compiled(parallel=True)
+def _leave_missing(volume: Array, total: Array) -> None:
+    """Write +inf into `total` where the volume is missing."""
+    for y in prange(len(volume)):
+        for x in range(volume.shape[1]):
+            for k in range(volume.shape[2]):
+                if volume[y, x, k] == np.inf:
+                    total[y, x, k] = np.inf
 
 
 def _sums_by_lines(volume: Tensor, guide: Tensor, costs: PathCosts, directions: int) -> Tensor:

@@ -12,7 +12,7 @@ from torch import Tensor
 
 from recon.kernels.compiled import Array, array_of, compiled, on_cpu, prange
 
-__all__ = ["cosine_distances", "hamming_distances", "outside", "pixel_differences"]
+__all__ = ["cosine_distances", "diagonals", "hamming_distances", "outside", "pixel_differences"]
 
 BLOCK_COLUMNS = 64
 """B columns cost B + D - 1 products each: wider wastes more, narrower multiplies less densely."""
@@ -41,6 +41,39 @@ def _mark_outside(result: Tensor, shifts: range) -> Tensor:
     for part in (slice(0, max(0, shifts[-1])), slice(max(0, width + min(0, shifts[0])), width)):
         result[:, part].masked_fill_(missing[part], float("inf"))
     return result
+
+
+def diagonals(volume: Tensor, shifts: range) -> Tensor:
+    """Return the comparisons of a volume by the columns of the other array.
+
+    result[y, x, k] = volume[y, x + shifts[k], k]; +inf where that column does not exist.
+
+    Args:
+        volume: (H, W, D), indexed by the columns of the reference.
+        shifts: D consecutive shifts in columns.
+    """
+    height, width, count = volume.shape
+    if on_cpu(volume):
+        result = volume.new_zeros(volume.shape)
+        _diagonals(array_of(volume), shifts[0], array_of(result))
+        return result
+    before, after = max(0, -shifts[0]), max(0, shifts[-1])
+    padded = torch.nn.functional.pad(volume, (0, 0, before, after), value=float("inf"))
+    row, column = padded.stride(0), padded.stride(1)
+    start = (before + shifts[0]) * column
+    return padded.as_strided((height, width, count), (row, column, column + 1), start).contiguous()
+
+
+@compiled(parallel=True)
+def _diagonals(volume: Array, first: int, result: Array) -> None:
+    """Fill `result` (H, W, D)."""
+    height, width, count = volume.shape
+    for y in prange(height):
+        for x in range(width):
+            for k in range(count):
+                column = x + first + k
+                inside = 0 <= column < width
+                result[y, x, k] = volume[y, column, k] if inside else np.inf
 
 
 def cosine_distances(reference: Tensor, other: Tensor, shifts: range) -> Tensor:
