@@ -35,7 +35,7 @@ class SemiGlobal:
         directions: 8, or 4 for half the time.
         subpixel: see `WinnerTakesAll`.
         shared_slope: see `WinnerTakesAll`. What spreads fractions of disparity evenly depends on
-            the costs and the steps: -0.5 to 0.2 in the presets, by generated slanted walls.
+            the costs and the steps: -0.4 to 0.2 in the presets, by generated slanted walls.
     """
 
     small_step: float = 0.05
