@@ -16,8 +16,9 @@ from recon.aggregation import Aggregation
 from recon.coarse_to_fine import CoarseToFine, both_views_checked
 from recon.confidence import Confidence
 from recon.consistency import left_right_check, reject_small_segments
+from recon.enlargement import Enlargement
 from recon.filling import Filling, SurfaceFilling
-from recon.matching_cost import MatchingCost
+from recon.matching_cost import MatchingCost, VectorCost
 from recon.observer import Observer, ignore
 from recon.optimisation import Optimisation, WinnerTakesAll
 from recon.refinement import Refinement
@@ -53,6 +54,8 @@ class Matcher:
             without one every pixel has every candidate.
         row_alignment: shifts the rows of the right view to those of the left first, by what a
             rectification leaves; without one they are matched as they are.
+        enlargement: searches anew at twice the size, around what was found; needs a matching cost
+            that compares vectors, as `cnn` does.
     """
 
     matching_cost: MatchingCost
@@ -66,6 +69,7 @@ class Matcher:
     volume_limit_mb: float = 768.0
     coarse_to_fine: CoarseToFine | None = None
     row_alignment: RowAlignment | None = None
+    enlargement: Enlargement | None = None
 
     def __post_init__(self) -> None:
         for name in ("left_right_tolerance_px", "min_segment_px"):
@@ -73,6 +77,11 @@ class Matcher:
                 raise ValueError(f"{name} must not be negative, got {getattr(self, name)}")
         if not self.volume_limit_mb > 0:
             raise ValueError(f"volume_limit_mb must be positive, got {self.volume_limit_mb}")
+        if self.enlargement is not None and not isinstance(self.matching_cost, VectorCost):
+            raise ValueError(
+                "enlargement needs a matching cost that compares vectors, such as cnn, got "
+                f"{type(self.matching_cost).__name__}; leave it out (enlargement=false)"
+            )
 
     @torch.inference_mode()
     def __call__(
@@ -107,6 +116,12 @@ class Matcher:
         left, right = (_as_tensor(image, device) for image in (pair.left, pair.right))
 
         of_left, of_right = self._disparities_of_both_views(left, right, disparities, observe)
+        if self.enlargement is not None and self.enlargement.fits(left):
+            observe("small/left", of_left)
+            observe("small/right", of_right)
+            cost, found = self.matching_cost, (of_left, of_right)
+            assert isinstance(cost, VectorCost)
+            of_left, of_right = self.enlargement(cost, (left, right), found, disparities)
         observe("disparity/left", of_left)
         observe("disparity/right", of_right)
 

@@ -21,6 +21,7 @@ from recon.cloud_filters import CloudFilters
 from recon.coarse_to_fine import CoarseToFine
 from recon.confidence import Confidence
 from recon.disparity_noise import DisparityNoise
+from recon.enlargement import Enlargement
 from recon.filling import FILLINGS, SurfaceFilling
 from recon.matcher import Matcher
 from recon.matching_cost import MATCHING_COSTS
@@ -60,6 +61,7 @@ OPTIONS: dict[str, type] = {
     "confidence": Confidence,
     "coarse_to_fine": CoarseToFine,
     "row_alignment": RowAlignment,
+    "enlargement": Enlargement,
 }
 """Stages that can be left out by `false`, and put in by `true`: with what is built then."""
 

@@ -8,7 +8,7 @@ from torch import Tensor
 
 from recon.kernels.compiled import Array, array_of, compiled, on_cpu, prange
 
-__all__ = ["bilateral_mean"]
+__all__ = ["LEVELS", "SMALLEST_WEIGHT", "bilateral_mean", "weight_tables"]
 
 SMALLEST_WEIGHT = 1e-3
 """Lighter neighbours are left out: 361 of them together weigh less than half the centre."""
@@ -41,9 +41,7 @@ def bilateral_mean(
         (H, W, D); +inf where `volume` has it.
     """
     levels = (guide * LEVELS).round().clamp(0, LEVELS)
-    offsets = torch.arange(-radius, radius + 1, dtype=torch.float32)
-    near = torch.exp(-(offsets.square()) / (2 * sigma_space**2))
-    alike = torch.exp(-((torch.arange(LEVELS + 1) / LEVELS) ** 2) / (2 * sigma_colour**2))
+    near, alike = weight_tables(radius, sigma_space, sigma_colour)
     if on_cpu(volume):
         result = torch.full_like(volume, float("inf"), memory_format=torch.contiguous_format)
         planes = array_of(levels.permute(2, 0, 1).to(torch.uint8))
@@ -51,6 +49,18 @@ def bilateral_mean(
         _bilateral_mean(array_of(volume), planes, space, array_of(alike), array_of(result))
         return result
     return _bilateral_mean_by_offsets(volume, levels.long(), near, alike.to(volume.device))
+
+
+def weight_tables(radius: int, sigma_space: float, sigma_colour: float) -> tuple[Tensor, Tensor]:
+    """Return the factors of a weight: by the step along an axis, and by the step of a channel.
+
+    Returns:
+        (2 radius + 1,) for the steps from -radius to radius; (256,) for differences of 0 to 255.
+    """
+    offsets = torch.arange(-radius, radius + 1, dtype=torch.float32)
+    near = torch.exp(-(offsets.square()) / (2 * sigma_space**2))
+    alike = torch.exp(-((torch.arange(LEVELS + 1) / LEVELS) ** 2) / (2 * sigma_colour**2))
+    return near, alike
 
 
 def _bilateral_mean_by_offsets(

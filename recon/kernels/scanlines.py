@@ -10,7 +10,7 @@ from torch import Tensor
 
 from recon.kernels.compiled import Array, array_of, compiled, on_cpu, prange
 
-__all__ = ["PathCosts", "path_sums"]
+__all__ = ["BAND", "FAR", "PathCosts", "path_sums", "step_of_path"]
 
 BAND = 16
 """Neighbouring lines that one thread follows together: they share pieces of memory."""
@@ -158,7 +158,7 @@ def _add_downward(
 
 
 @compiled(finite=True)
-def _step(  # noqa: PLR0913  compiled: called for every pixel
+def step_of_path(  # noqa: PLR0913  compiled: called for every pixel
     costs: Array, before: Array, least: float, small: float, large: float, here: Array, total: Array
 ) -> float:
     """Write the path costs of one pixel into `here`, add them to `total`, return the least.
@@ -192,13 +192,13 @@ def _along_rows(  # noqa: PLR0913  compiled
         before = np.full(count + 2, FAR, np.float32)
         here = np.full(count + 2, FAR, np.float32)
         for first, last, way in ((0, width, 1), (width - 1, -1, -1)):
-            least = _step(
+            least = step_of_path(
                 volume[y, first], nothing, np.float32(0), small, large, before, total[y, first]
             )
             for x in range(first + way, last, way):
                 edgy = abs(guide[y, x] - guide[y, x - way]) >= edge
                 pays = large * across if edgy else large
-                least = _step(volume[y, x], before, least, small, pays, here, total[y, x])
+                least = step_of_path(volume[y, x], before, least, small, pays, here, total[y, x])
                 before, here = here, before
 
 
@@ -226,13 +226,13 @@ def _down(  # noqa: PLR0913  compiled
                     continue
                 source = x - slope
                 if y == 0 or source < 0 or source >= width:
-                    least[i] = _step(
+                    least[i] = step_of_path(
                         volume[y, x], nothing, np.float32(0), small, large, here[i], total[y, x]
                     )
                     continue
                 edgy = abs(guide[y, x] - guide[y - 1, source]) >= edge
                 pays = large * across if edgy else large
-                least[i] = _step(
+                least[i] = step_of_path(
                     volume[y, x], before[i], least[i], small, pays, here[i], total[y, x]
                 )
             before, here = here, before

@@ -5,7 +5,7 @@ from recon.matching_cost.ad_census import AdCensus
 from recon.matching_cost.census import Census
 from recon.matching_cost.learned import LearnedCost
 from recon.matching_cost.ncc import NormalisedCrossCorrelation
-from recon.matching_cost.protocol import MatchingCost
+from recon.matching_cost.protocol import MatchingCost, VectorCost
 from recon.matching_cost.sad import SumOfAbsoluteDifferences
 from recon.matching_cost.ssd import SumOfSquaredDifferences
 from recon.matching_cost.zncc import ZeroMeanNormalisedCrossCorrelation
@@ -20,6 +20,7 @@ __all__ = [
     "NormalisedCrossCorrelation",
     "SumOfAbsoluteDifferences",
     "SumOfSquaredDifferences",
+    "VectorCost",
     "ZeroMeanNormalisedCrossCorrelation",
 ]
 

@@ -58,9 +58,15 @@ class LearnedCost:
         self, left: Tensor, right: Tensor, disparities: range, *, rows: slice = ALL_ROWS
     ) -> CostVolume:
         """Compare the descriptions of pixels."""
-        network = _network(self.weights, left.device, self.direct_share)
-        with in_precision(self.precision, left.device):
-            of_left, of_right = (
-                network(image.permute(2, 0, 1)[None])[0, :, rows] for image in (left, right)
-            )
+        of_left, of_right = (
+            self.vectors(image, rows=rows).permute(2, 0, 1) for image in (left, right)
+        )
         return CostVolume(cosine_distances(of_left, of_right, disparities), disparities)
+
+    @torch.inference_mode()
+    def vectors(self, image: Tensor, *, rows: slice = ALL_ROWS) -> Tensor:
+        """Describe pixels; see `VectorCost`."""
+        network = _network(self.weights, image.device, self.direct_share)
+        with in_precision(self.precision, image.device):
+            found: Tensor = network(image.permute(2, 0, 1)[None])[0, :, rows]
+        return found.permute(1, 2, 0)

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from torch import Tensor
 
 from recon.types import CostVolume
 
-__all__ = ["ALL_ROWS", "MatchingCost"]
+__all__ = ["ALL_ROWS", "MatchingCost", "VectorCost"]
 
 ALL_ROWS = slice(None)
 
@@ -34,5 +34,22 @@ class MatchingCost(Protocol):
 
         Returns:
             (rows, W, D); +inf where x_left - d is not a column of the right view.
+        """
+        ...
+
+
+@runtime_checkable
+class VectorCost(MatchingCost, Protocol):
+    """A matching cost that is one minus the scalar product of what describes two pixels."""
+
+    def vectors(self, image: Tensor, *, rows: slice = ALL_ROWS) -> Tensor:
+        """Describe pixels.
+
+        Args:
+            image: (H, W, 3) float32 RGB in [0, 1].
+            rows: the rows that are wanted; see `MatchingCost`.
+
+        Returns:
+            (rows, W, C) float32, each of length 1 at most.
         """
         ...

@@ -63,15 +63,20 @@ class SemiGlobal:
         """Rows from which a path has forgotten where it began, nearly always."""
         return FORGOTTEN_PX
 
+    @property
+    def costs(self) -> PathCosts:
+        """What a path pays; a longer step across an edge no less than one of one candidate."""
+        share = max(self.across_edge, self.small_step / max(self.large_step, 1e-9))
+        return PathCosts(self.small_step, self.large_step, self.edge, share)
+
     def __call__(self, volume: CostVolume, *, guide: Tensor) -> DisparityMap[Tensor]:
         """Choose along paths in all directions."""
         return self.winner(CostVolume(self.sums(volume, guide), volume.disparities), guide)
 
     def sums(self, volume: CostVolume, guide: Tensor) -> Tensor:
         """Return the sums over all directions, (H, W, D); +inf where the volume is."""
-        share = max(self.across_edge, self.small_step / max(self.large_step, 1e-9))
-        costs = PathCosts(self.small_step, self.large_step, self.edge, share)
-        return path_sums(volume.cost, luminance(guide), costs, directions=self.directions)
+        light = luminance(guide)
+        return path_sums(volume.cost, light, self.costs, directions=self.directions)
 
     def winner(self, sums: CostVolume, guide: Tensor) -> DisparityMap[Tensor]:
         """Return the candidates of the least sums."""

@@ -11,6 +11,7 @@ from torch import Tensor, nn
 
 from recon.networks import FeatureNetwork, load_features, save_features
 from recon.networks.architecture import Architecture, architecture_named
+from recon.precision import in_precision
 from recon.training.loss import (
     best_disparity,
     matching_loss,
@@ -79,7 +80,7 @@ class FeatureRun(Run[FeatureTraining]):
         if self.step >= settings.edges_from:
             weight = weight * (1 + settings.edge_weight * near_edges(pairs.disparity))
         both = torch.cat((pairs.left, pairs.right)).contiguous(memory_format=torch.channels_last)
-        with torch.autocast(self.device.type, torch.bfloat16):
+        with in_precision("auto", self.device):
             features = self.network(both)
         similarity = similarities(*features.chunk(2))
         if settings.support_px:

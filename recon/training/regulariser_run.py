@@ -19,6 +19,7 @@ from recon.networks import (
 )
 from recon.networks.regulariser import Estimate, Regulariser, RegulariserShape
 from recon.optimisation.learned import hints
+from recon.precision import in_precision
 from recon.training.loss import close_share
 from recon.training.misalignment import Pairs
 from recon.training.picture import maps_below_views
@@ -62,7 +63,7 @@ class RegulariserRun(Run[RegulariserTraining]):
         """See `Run`."""
         count = self._candidates(pairs.disparity)
         seen = _seen(self.features, pairs.left, pairs.right, count)
-        with torch.autocast(self.device.type, torch.bfloat16):
+        with in_precision("auto", self.device):
             estimate = self.trained(*seen, pairs.left)
         loss = regulariser_loss(estimate, pairs)
         found = estimate.disparity.detach()
@@ -122,7 +123,7 @@ def _seen(
         Aggregated costs (N, H, W, D), the paths through them, and the winner of these (N, H, W).
     """
     both = torch.cat((left, right)).contiguous(memory_format=torch.channels_last)
-    with torch.autocast(left.device.type, torch.bfloat16):
+    with in_precision("auto", left.device):
         vectors = features(both)
     parts = []
     for ours, theirs, view in zip(*vectors.float().chunk(2), left, strict=True):
