@@ -17,7 +17,8 @@ DOUBTED = f"{SMOOTH},below_confidence=0.5}}"
 ROWS = {
     "best": "",
     "no-row-alignment": "row_alignment=false",
-    "census": "matching_cost=census",
+    "no-enlargement": "enlargement=false",
+    "census": "matching_cost=census enlargement=false",
     "paper-share": "matching_cost.direct_share=0.1",
     "no-bilateral": "aggregation=none",
     "no-paths": "optimisation=winner_takes_all",

@@ -4,14 +4,32 @@ from __future__ import annotations
 
 import os
 from dataclasses import dataclass
+from typing import NamedTuple
 
-__all__ = ["AUTO", "Choice", "choose_preset"]
+__all__ = ["AUTO", "ENLARGED_PX", "Choice", "choose_preset"]
 
 AUTO = "auto"
-CORE_SECONDS = {"context": 58.0, "best": 29.0, "fast": 8.0}
-"""What 10^8 comparisons of two pixels cost one core, most accurate first: the total of
-`benchmarks/speed.py --presets context best fast` at 0.35 MP x 75, times its 2 threads."""
-COMPARISONS = 1e8
+
+
+class Pace(NamedTuple):
+    """What matching costs one core.
+
+    Attributes:
+        search: seconds for 10^8 comparisons of two pixels.
+        enlargement: seconds for the second search of 10^6 pixels; see `recon.enlargement`.
+    """
+
+    search: float
+    enlargement: float = 0.0
+
+
+CORE_SECONDS = {"context": Pace(120.0, 70.0), "best": Pace(60.0, 70.0), "fast": Pace(20.0)}
+"""Most accurate first: `benchmarks/speed.py --presets context best fast` at 0.35 MP x 75, with the
+enlargement and without it, times its 2 threads, on a processor without instructions for bfloat16;
+one that has them takes a third or less."""
+COMPARISONS, PIXELS = 1e8, 1e6
+ENLARGED_PX = 1_000_000
+"""Views of more pixels are not searched again."""
 PATIENCE_S = 60.0
 UNKNOWN_RANGE = 0.25
 """Share of the width that is searched at most when nobody says what to search."""
@@ -52,7 +70,11 @@ def choose_preset(
     count = len(disparities) if disparities is not None else int(UNKNOWN_RANGE * width)
     cores = cores or os.cpu_count() or 1
     comparisons = width * height * count / COMPARISONS
-    seconds = {name: pace * comparisons / cores for name, pace in CORE_SECONDS.items()}
+    enlarged = width * height / PIXELS if width * height <= ENLARGED_PX else 0.0
+    seconds = {
+        name: (pace.search * comparisons + pace.enlargement * enlarged) / cores
+        for name, pace in CORE_SECONDS.items()
+    }
     quick_enough = [name for name, needed in seconds.items() if needed <= PATIENCE_S]
     name = (quick_enough or [*seconds][-1:])[0]
     searched = f"{width} x {height} pixels x {count} disparities on {cores} cores"

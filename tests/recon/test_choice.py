@@ -3,13 +3,15 @@
 import pytest
 
 from recon import choice as module
-from recon.choice import CORE_SECONDS, choose_preset
-from recon.settings import preset_names
+from recon.choice import CORE_SECONDS, ENLARGED_PX, Pace, choose_preset
+from recon.enlargement import Enlargement
+from recon.settings import load_preset, preset_names
 
 
 @pytest.fixture
 def paces(monkeypatch):
-    monkeypatch.setattr(module, "CORE_SECONDS", {"context": 40.0, "best": 30.0, "fast": 9.0})
+    seconds = {"context": Pace(40.0), "best": Pace(30.0), "fast": Pace(9.0)}
+    monkeypatch.setattr(module, "CORE_SECONDS", seconds)
 
 
 def test_only_presets_that_there_are_are_chosen_from():
@@ -50,7 +52,28 @@ def test_an_unknown_range_counts_as_a_quarter_of_the_width():
     assert known == unknown
 
 
-def test_the_seconds_grow_with_what_is_searched():
-    seconds = CORE_SECONDS["context"] * 700 * 500 * 75 / 1e8 / 2
+def seconds_said(size, candidates):
+    words = choose_preset(size, range(candidates), cores=2).reason
+    return int(words.split("about ")[1].split(" s")[0])
 
-    assert f"about {round(seconds)} s" in choose_preset((700, 500), range(75), cores=2).reason
+
+def test_the_seconds_grow_with_what_is_searched(monkeypatch):
+    monkeypatch.setattr(module, "CORE_SECONDS", {"context": Pace(200.0)})
+
+    assert seconds_said((1000, 1000), 10) == 10
+    assert seconds_said((1000, 1000), 30) == 30
+    assert seconds_said((2000, 1000), 30) == 60
+
+
+def test_what_is_small_enough_is_searched_again(monkeypatch):
+    monkeypatch.setattr(module, "CORE_SECONDS", {"context": Pace(200.0, 100.0)})
+
+    assert seconds_said((1000, 500), 10) == 5 + 25
+    assert seconds_said((1000, 1000), 10) == 10 + 50
+    assert seconds_said((1000, 1001), 10) == 10
+
+
+def test_it_knows_which_views_are_enlarged():
+    assert Enlargement().most_pixels == ENLARGED_PX
+    for name, pace in CORE_SECONDS.items():
+        assert (load_preset(name).matcher.enlargement is not None) == (pace.enlargement > 0)
