@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 import torch
@@ -23,7 +24,7 @@ from recon.kernels.bands import (
 from recon.kernels.bilateral import LEVELS
 from recon.kernels.colour import luminance
 from recon.kernels.compiled import Array, array_of
-from recon.matching_cost import VectorCost
+from recon.matching_cost import MatchingCost, SoftCensus, VectorCost
 from recon.optimisation import SemiGlobal
 from recon.optimisation.winner_takes_all import valley_offset
 from recon.strips import GRID_PX, Reach, Strip
@@ -32,6 +33,7 @@ from recon.types import DisparityMap
 __all__ = ["Enlargement"]
 
 FACTOR = 2
+COSTS = ("same", "soft_census")
 BYTES_AT_ONCE = 256e6
 """Of what describes the pixels of both views, as far as that is known before."""
 BYTES_OF_VECTORS = 2 * 64 * 4
@@ -67,6 +69,8 @@ class Enlargement:
         margin_px: disparities searched beyond that; larger is slower.
         trust: in the first search, in the unit of the costs.
         trust_px: difference from it at which the whole of that is paid.
+        cost: "same" compares the enlarged pixels as the first search did, which takes as long as
+            that or longer with a network; "soft_census" is quick, and works with every first cost.
         radius_px: of the bilateral mean, pixels of the enlarged view; see `BilateralAggregation`.
         sigma_space_px: likewise.
         sigma_colour: likewise.
@@ -81,6 +85,7 @@ class Enlargement:
     margin_px: float = 1.0
     trust: float = 0.4
     trust_px: float = 4.0
+    cost: Literal["same", "soft_census"] = "soft_census"
     radius_px: int = 2
     sigma_space_px: float = 2.0
     sigma_colour: float = 0.05
@@ -93,6 +98,8 @@ class Enlargement:
         for name in ("most_pixels", "around_px", "margin_px", "trust", "radius_px"):
             if getattr(self, name) < 0:
                 raise ValueError(f"{name} must not be negative, got {getattr(self, name)}")
+        if self.cost not in COSTS:
+            raise ValueError(f"cost must be {' or '.join(COSTS)}, got {self.cost!r}")
         if not self.trust_px > 0:
             raise ValueError(f"trust_px must be positive, got {self.trust_px}")
         _ = self._aggregation, self._paths  # they check their own settings
@@ -108,13 +115,31 @@ class Enlargement:
             directions=4,
         )  # fmt: skip
 
+    def compared_by(self, first: MatchingCost) -> VectorCost:
+        """Return what compares enlarged pixels.
+
+        Args:
+            first: what compared them in the first search.
+
+        Raises:
+            ValueError: if it should do so again, and compares no vectors.
+        """
+        if self.cost == "soft_census":
+            return SoftCensus()
+        if isinstance(first, VectorCost):
+            return first
+        raise ValueError(
+            "enlargement cost 'same' needs a matching cost that compares vectors, such as cnn, "
+            f"got {type(first).__name__}; enlargement.cost='soft_census' works with every one"
+        )
+
     def fits(self, view: Tensor) -> bool:
         """Return whether a view (H, W, 3) is small enough."""
         return view.shape[0] * view.shape[1] <= self.most_pixels
 
     def __call__(
         self,
-        cost: VectorCost,
+        first_cost: MatchingCost,
         views: tuple[Tensor, Tensor],
         found: Maps,
         disparities: range,
@@ -124,7 +149,7 @@ class Enlargement:
         Bands are searched on the CPU, whatever the device.
 
         Args:
-            cost: what compares pixels.
+            first_cost: what compared pixels in the first search.
             views: left and right, (H, W, 3) float32 in [0, 1].
             found: of the left and of the right view, (H, W), before any check.
             disparities: the candidates that were searched.
@@ -135,6 +160,7 @@ class Enlargement:
         left, right = (_enlarged(view) for view in views)
         of_left, of_right = found[0].values, found[1].values.flip(1)  # mirrored: a left view
         in_left, in_right = self._bands(of_left, disparities), self._bands(of_right, disparities)
+        cost = self.compared_by(first_cost)
         costs = _compared(cost, left, right, in_left, in_right)
         finer_left = self._chosen(costs[0], left, of_left, in_left)
         finer_right = self._chosen(costs[1], right.flip(1), of_right, in_right)

@@ -18,7 +18,7 @@ from recon.confidence import Confidence
 from recon.consistency import left_right_check, reject_small_segments
 from recon.enlargement import Enlargement
 from recon.filling import Filling, SurfaceFilling
-from recon.matching_cost import MatchingCost, VectorCost
+from recon.matching_cost import MatchingCost
 from recon.observer import Observer, ignore
 from recon.optimisation import Optimisation, WinnerTakesAll
 from recon.refinement import Refinement
@@ -54,8 +54,7 @@ class Matcher:
             without one every pixel has every candidate.
         row_alignment: shifts the rows of the right view to those of the left first, by what a
             rectification leaves; without one they are matched as they are.
-        enlargement: searches anew at twice the size, around what was found; needs a matching cost
-            that compares vectors, as `cnn` does.
+        enlargement: searches anew at twice the size, around what was found.
     """
 
     matching_cost: MatchingCost
@@ -77,11 +76,8 @@ class Matcher:
                 raise ValueError(f"{name} must not be negative, got {getattr(self, name)}")
         if not self.volume_limit_mb > 0:
             raise ValueError(f"volume_limit_mb must be positive, got {self.volume_limit_mb}")
-        if self.enlargement is not None and not isinstance(self.matching_cost, VectorCost):
-            raise ValueError(
-                "enlargement needs a matching cost that compares vectors, such as cnn, got "
-                f"{type(self.matching_cost).__name__}; leave it out (enlargement=false)"
-            )
+        if self.enlargement is not None:
+            self.enlargement.compared_by(self.matching_cost)
 
     @torch.inference_mode()
     def __call__(
@@ -119,9 +115,10 @@ class Matcher:
         if self.enlargement is not None and self.enlargement.fits(left):
             observe("small/left", of_left)
             observe("small/right", of_right)
-            cost, found = self.matching_cost, (of_left, of_right)
-            assert isinstance(cost, VectorCost)
-            of_left, of_right = self.enlargement(cost, (left, right), found, disparities)
+            found = of_left, of_right
+            of_left, of_right = self.enlargement(
+                self.matching_cost, (left, right), found, disparities
+            )
         observe("disparity/left", of_left)
         observe("disparity/right", of_right)
 

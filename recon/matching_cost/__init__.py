@@ -7,6 +7,7 @@ from recon.matching_cost.learned import LearnedCost
 from recon.matching_cost.ncc import NormalisedCrossCorrelation
 from recon.matching_cost.protocol import MatchingCost, VectorCost
 from recon.matching_cost.sad import SumOfAbsoluteDifferences
+from recon.matching_cost.soft_census import SoftCensus
 from recon.matching_cost.ssd import SumOfSquaredDifferences
 from recon.matching_cost.zncc import ZeroMeanNormalisedCrossCorrelation
 
@@ -18,6 +19,7 @@ __all__ = [
     "LearnedCost",
     "MatchingCost",
     "NormalisedCrossCorrelation",
+    "SoftCensus",
     "SumOfAbsoluteDifferences",
     "SumOfSquaredDifferences",
     "VectorCost",
@@ -32,5 +34,6 @@ MATCHING_COSTS: dict[str, type[MatchingCost]] = {
     "zncc": ZeroMeanNormalisedCrossCorrelation,
     "census": Census,
     "ad_census": AdCensus,
+    "soft_census": SoftCensus,
     "cnn": LearnedCost,
 }

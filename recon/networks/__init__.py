@@ -1,6 +1,7 @@
 """Networks as plain modules, and their weights as checked files."""
 
-from recon.networks.features import Architecture, FeatureNetwork
+from recon.networks.architecture import STEP_REACH_PX
+from recon.networks.features import Architecture, FeatureNetwork, saturated_steps
 from recon.networks.regulariser import Regulariser, RegulariserShape
 from recon.networks.weights import (
     load_features,
@@ -12,12 +13,14 @@ from recon.networks.weights import (
 )
 
 __all__ = [
+    "STEP_REACH_PX",
     "Architecture",
     "FeatureNetwork",
     "Regulariser",
     "RegulariserShape",
     "load_features",
     "load_regulariser",
+    "saturated_steps",
     "save_features",
     "save_regulariser",
     "shipped_weights",

@@ -13,7 +13,7 @@ from torch.nn.utils.fusion import fuse_conv_bn_eval
 
 from recon.networks.architecture import STEP_REACH_PX, STEPS, Architecture
 
-__all__ = ["Architecture", "FeatureNetwork"]
+__all__ = ["Architecture", "FeatureNetwork", "saturated_steps"]
 
 LEAST_LENGTH = 1e-3
 """Steps that together are shorter are those of a flat image."""
@@ -27,7 +27,7 @@ def _convolution(incoming: int, outgoing: int, *, spacing: int, normalised: bool
     return nn.Sequential(*layers, nn.ReLU(inplace=True))
 
 
-def _steps(image: Tensor, faint: float) -> Tensor:
+def saturated_steps(image: Tensor, faint: float) -> Tensor:
     """Return s / (|s| + e) of the steps s from every pixel to its neighbours, (N, 24, H, W).
 
     Steps of the mean of the channels, to the other pixels of a 5 x 5 window, e `faint`. As in
@@ -114,7 +114,7 @@ class FeatureNetwork(nn.Module):
         """
         height, width = image.shape[-2:]
         stride = self.stride_px
-        steps = _steps(image, self.architecture.faint_step)
+        steps = saturated_steps(image, self.architecture.faint_step)
         current = F.pad(steps, (0, -width % stride, 0, -height % stride), mode="replicate")
         full = current.shape[-2:]
         shares = torch.split(self.mix.weight, list(self.architecture.channels), dim=1)

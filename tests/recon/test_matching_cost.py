@@ -5,7 +5,13 @@ import math
 import pytest
 import torch
 
-from recon.matching_cost import MATCHING_COSTS, AdCensus, Census, SumOfAbsoluteDifferences
+from recon.matching_cost import (
+    MATCHING_COSTS,
+    AdCensus,
+    Census,
+    SoftCensus,
+    SumOfAbsoluteDifferences,
+)
 from recon.matching_cost import NormalisedCrossCorrelation as Ncc
 from recon.matching_cost import ZeroMeanNormalisedCrossCorrelation as Zncc
 from recon.networks import Architecture, FeatureNetwork, save_features
@@ -113,6 +119,24 @@ def test_ad_census_is_the_sum_that_is_worked_out_by_hand():
 def test_a_scale_of_zero_is_refused(scale):
     with pytest.raises(ValueError, match=rf"{scale} must be positive, got 0\.0"):
         AdCensus(**{scale: 0.0})
+
+
+def test_soft_census_counts_strong_steps_alike_and_faint_ones_less(generator):
+    steps = torch.tensor([0.5, 0.1, 0.001])
+
+    counted = steps / (steps + SoftCensus().faint_step)
+
+    left = torch.zeros((5, 8, 3))
+    left[:, 1::2] = 0.5 * torch.rand((5, 4, 1), generator=generator) + 0.5
+    assert float(counted[0] - counted[1]) < 0.04
+    assert float(counted[2]) == pytest.approx(0.2)
+    brighter = SoftCensus()(left, 0.3 * left, range(1)).cost
+    assert brighter.max() < 0.01  # census knows order alone
+
+
+def test_a_faint_step_of_zero_is_refused():
+    with pytest.raises(ValueError, match=r"faint_step must be positive, got 0\.0"):
+        SoftCensus(0.0)
 
 
 @pytest.mark.parametrize("method", [SumOfAbsoluteDifferences, Ncc])

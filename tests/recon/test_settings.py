@@ -198,7 +198,7 @@ class TestMistakes:
             ("agregation.radius_px=3", r"unknown stage or setting 'agregation'; a preset has "
              r"matching_cost, aggregation, .*triangulation, cloud, meshing, description"),
             ("matching_cost.method=mccnn", r"unknown method 'mccnn' for matching_cost; there are "
-             r"absolute_difference, sad, .*census, ad_census, cnn"),
+             r"absolute_difference, sad, .*census, ad_census, soft_census, cnn"),
             ("matching_cost.method=['sad']", r"unknown method \['sad'\] for matching_cost"),
             ("aggregation.radius=3", r"unknown setting 'radius' in aggregation box; it has "
              r"radius_px$"),
