@@ -34,7 +34,7 @@ __all__ = ["Enlargement"]
 
 FACTOR = 2
 COSTS = ("same", "soft_census")
-BYTES_AT_ONCE = 256e6
+BYTES_AT_ONCE = 128e6
 """Of what describes the pixels of both views, as far as that is known before."""
 BYTES_OF_VECTORS = 2 * 64 * 4
 SAME_PX = 1.0
