@@ -1,6 +1,7 @@
 """Time every stage on the sample pair at three sizes, beside OpenCV's SGBM in the same run.
 
-python benchmarks/speed.py [--presets paper ...] [--repeats 3] [--device cpu] [--json FILE]
+python benchmarks/speed.py [--presets paper ...] [--sizes "0.35 MP x 75" ...]
+    [--repeats 3] [--device cpu] [--json FILE]
 
 One run of each size warms up (compiles, loads weights) and is not counted. Machines differ and
 are noisy: compare the ratio to SGBM.
@@ -57,6 +58,7 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawTextHelpFormatter
     )
     parser.add_argument("--presets", nargs="*", default=["paper"])
+    parser.add_argument("--sizes", nargs="*", default=list(SIZES), choices=list(SIZES))
     parser.add_argument("--repeats", type=int, default=3)
     parser.add_argument("--device", default="cpu")
     parser.add_argument("--json", type=Path)
@@ -66,7 +68,8 @@ def main() -> None:
         "threads": torch.get_num_threads(),
         "versions": versions(),
     }
-    for name, (scale, candidates) in SIZES.items():
+    for name in options.sizes:
+        scale, candidates = SIZES[name]
         pair = sized_pair(scale)
         rival = []
         for _ in range(options.repeats + 1):
