@@ -29,10 +29,11 @@ PUBLIC = {
     "recon.sequence": """DepthSource FrameOnDisk FusedFrame FusedSequence RgbdSource
         SequenceSettings StereoSource find_depth_frames find_pairs fuse_sequence poses_of_frames""",
     "recon.matching_cost": """MATCHING_COSTS AbsoluteDifference AdCensus Census LearnedCost
-        MatchingCost NormalisedCrossCorrelation SumOfAbsoluteDifferences SumOfSquaredDifferences
-        ZeroMeanNormalisedCrossCorrelation""",
-    "recon.networks": """Architecture FeatureNetwork Regulariser RegulariserShape load_features
-        load_regulariser save_features save_regulariser shipped_weights stored_regulariser""",
+        MatchingCost NormalisedCrossCorrelation SoftCensus SumOfAbsoluteDifferences
+        SumOfSquaredDifferences VectorCost ZeroMeanNormalisedCrossCorrelation""",
+    "recon.networks": """Architecture FeatureNetwork Regulariser RegulariserShape STEP_REACH_PX
+        load_features load_regulariser saturated_steps save_features save_regulariser
+        shipped_weights stored_regulariser""",
     "recon.optimisation": """LearnedOptimisation OPTIMISATIONS Optimisation SemiGlobal
         WinnerTakesAll""",
     "recon.refinement": "REFINEMENTS DomainTransform LocalPlanes Median Refinement WeightedMedian",

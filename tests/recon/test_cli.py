@@ -292,7 +292,7 @@ class TestSuccess:
     def test_the_preset_that_fits_the_machine_is_chosen_and_said(
         self, folder, out, capsys, monkeypatch
     ):
-        monkeypatch.setattr(choice, "CORE_SECONDS", {"census": 1.0})
+        monkeypatch.setattr(choice, "CORE_SECONDS", {"census": choice.Pace(1.0)})
 
         main(words(folder, out, "--preset", "auto"))
 

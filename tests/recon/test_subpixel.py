@@ -86,7 +86,8 @@ def test_nor_do_those_of_walls_by_which_nothing_was_chosen(preset):
 
 
 def unrefined(**optimisation: float) -> Matcher:
-    return load_preset("sgm", {"refinements": [], "optimisation": optimisation}).matcher
+    changes = {"refinements": [], "enlargement": False, "optimisation": optimisation}
+    return load_preset("sgm", changes).matcher
 
 
 def test_a_parabola_draws_path_sums_towards_integers(walls):
