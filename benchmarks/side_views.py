@@ -128,6 +128,7 @@ def main() -> None:
     options = parser.parse_args()
     if options.datasets is None:
         parser.error("give --datasets, or set RECON_DATASETS")
+    options.out.mkdir(parents=True, exist_ok=True)
     for name in options.scenes:
         results = {
             preset: reconstructed(Path(options.datasets), SCENES[name], preset)
