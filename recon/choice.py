@@ -24,8 +24,8 @@ class Pace(NamedTuple):
 
 
 CORE_SECONDS = {"context": Pace(119.0, 151.0), "best": Pace(73.0, 23.0), "fast": Pace(23.0)}
-"""Most accurate first: `benchmarks/speed.py --presets context best fast` at 0.35 MP x 75, times its 2
-threads, on a slow processor without instructions for bfloat16; one that has them is quicker."""
+"""Most accurate first: `benchmarks/speed.py --presets context best fast` at 0.35 MP x 75, times its
+2 threads, on a slow processor without instructions for bfloat16; one that has them is quicker."""
 COMPARISONS, PIXELS = 1e8, 1e6
 ENLARGED_PX = 1_000_000
 """Views of more pixels are not searched again."""
