@@ -31,8 +31,8 @@ PUBLIC = {
     "recon.matching_cost": """MATCHING_COSTS AbsoluteDifference AdCensus Census LearnedCost
         MatchingCost NormalisedCrossCorrelation SoftCensus SumOfAbsoluteDifferences
         SumOfSquaredDifferences VectorCost ZeroMeanNormalisedCrossCorrelation""",
-    "recon.networks": """Architecture FeatureNetwork Regulariser RegulariserShape STEP_REACH_PX
-        load_features load_regulariser saturated_steps save_features save_regulariser
+    "recon.networks": """Architecture FeatureNetwork LEAST_LENGTH Regulariser RegulariserShape
+        STEP_REACH_PX load_features load_regulariser saturated_steps save_features save_regulariser
         shipped_weights stored_regulariser""",
     "recon.optimisation": """LearnedOptimisation OPTIMISATIONS Optimisation SemiGlobal
         WinnerTakesAll""",

@@ -9,13 +9,10 @@ from torch import Tensor
 
 from recon.kernels.shifts import cosine_distances
 from recon.matching_cost.protocol import ALL_ROWS
-from recon.networks import STEP_REACH_PX, saturated_steps
+from recon.networks import LEAST_LENGTH, STEP_REACH_PX, saturated_steps
 from recon.types import CostVolume
 
 __all__ = ["SoftCensus"]
-
-LEAST_LENGTH = 1e-3
-"""Steps that together are shorter are those of a flat image."""
 
 
 @dataclass(frozen=True)

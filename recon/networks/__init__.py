@@ -1,7 +1,7 @@
 """Networks as plain modules, and their weights as checked files."""
 
 from recon.networks.architecture import STEP_REACH_PX
-from recon.networks.features import Architecture, FeatureNetwork, saturated_steps
+from recon.networks.features import LEAST_LENGTH, Architecture, FeatureNetwork, saturated_steps
 from recon.networks.regulariser import Regulariser, RegulariserShape
 from recon.networks.weights import (
     load_features,
@@ -13,6 +13,7 @@ from recon.networks.weights import (
 )
 
 __all__ = [
+    "LEAST_LENGTH",
     "STEP_REACH_PX",
     "Architecture",
     "FeatureNetwork",

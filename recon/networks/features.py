@@ -13,7 +13,7 @@ from torch.nn.utils.fusion import fuse_conv_bn_eval
 
 from recon.networks.architecture import STEP_REACH_PX, STEPS, Architecture
 
-__all__ = ["Architecture", "FeatureNetwork", "saturated_steps"]
+__all__ = ["LEAST_LENGTH", "Architecture", "FeatureNetwork", "saturated_steps"]
 
 LEAST_LENGTH = 1e-3
 """Steps that together are shorter are those of a flat image."""

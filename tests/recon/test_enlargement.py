@@ -130,13 +130,13 @@ def test_the_right_view_is_treated_as_the_left_one_in_a_mirror(wall, assert_clos
     mirrored = [replace(each, values=each.values.flip(1)) for each in before[::-1]]
     flipped = right.flip(1).contiguous(), left.flip(1).contiguous()
 
-    _, of_right = Enlargement(cost="same")(Halves(), (left, right), before, SEARCHED)
-    as_left, _ = Enlargement(cost="same")(Halves(), flipped, tuple(mirrored), SEARCHED)
+    _, of_right = Enlargement(cost="same")(Colours(), (left, right), before, SEARCHED)
+    as_left, _ = Enlargement(cost="same")(Colours(), flipped, tuple(mirrored), SEARCHED)
 
     assert_close(of_right.values, as_left.values.flip(1), atol=1e-3)
 
 
-class Halves:
+class Colours:
     """Vectors that are the same in a mirror: the colours."""
 
     margin_px = 0
