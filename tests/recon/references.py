@@ -7,6 +7,9 @@ from itertools import product
 
 import numpy as np
 
+WAYS = {4: [(0, 1), (0, -1), (1, 0), (-1, 0)]}
+WAYS[8] = WAYS[4] + [(1, 1), (1, -1), (-1, 1), (-1, -1)]
+
 
 def compare_at_shifts(reference, other, shifts, compare):
     """result[y, x, k] = compare(reference[..., y, x], other[..., y, x - shifts[k]])."""
@@ -166,3 +169,26 @@ def local_planes(values, weights, guide, belonging, slopes, *, rounds):
             right = (columns * w[:, None]).T @ np.nan_to_num(v)
             planes[y, x] = before[y, x] + np.linalg.solve(normal, right)
     return planes[..., 0]
+
+
+def path_sums(volume, guide, costs, directions):
+    """Follow the recursion pixel by pixel; a path begins behind a pixel without cells."""
+    height, width, count = volume.shape
+    total = np.zeros(volume.shape)
+    steps = np.abs(np.subtract.outer(np.arange(count), np.arange(count)))
+    for down, right in WAYS[directions]:
+        paths = np.zeros(volume.shape)
+        rows = range(height) if down >= 0 else range(height - 1, -1, -1)
+        columns = range(width) if right >= 0 else range(width - 1, -1, -1)
+        for y, x in product(rows, columns):
+            above, beside = y - down, x - right
+            paths[y, x] = volume[y, x]
+            inside = 0 <= above < height and 0 <= beside < width
+            if inside and np.isfinite(volume[above, beside]).any():
+                edge = abs(guide[y, x] - guide[above, beside]) >= costs.edge
+                large = costs.large * (costs.across if edge else 1)
+                pays = np.where(steps == 0, 0, np.where(steps == 1, costs.small, large))
+                before = paths[above, beside]
+                paths[y, x] += (before + pays).min(1) - before.min()
+        total += paths
+    return total

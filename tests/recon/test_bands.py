@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import torch
+from references import path_sums as path_sums_written_out
 
 from recon.kernels.bands import (
     Bands,
@@ -110,28 +111,6 @@ def test_paths_through_full_bands_are_those_of_the_whole_volume(size, generator,
     assert_close(whole(sums, bands), expected, rtol=1e-4, atol=1e-4)
 
 
-def written_out(volume, guide):
-    """Follow the recursion pixel by pixel; a path begins behind a pixel without layers."""
-    height, width, count = volume.shape
-    total = np.zeros(volume.shape)
-    steps = np.abs(np.subtract.outer(np.arange(count), np.arange(count)))
-    for down, right in [(0, 1), (0, -1), (1, 0), (-1, 0)]:
-        paths = np.zeros(volume.shape)
-        for y in range(height)[:: 1 if down >= 0 else -1]:
-            for x in range(width)[:: 1 if right >= 0 else -1]:
-                above, beside = y - down, x - right
-                paths[y, x] = volume[y, x]
-                inside = 0 <= above < height and 0 <= beside < width
-                if inside and np.isfinite(volume[above, beside]).any():
-                    edge = abs(guide[y, x] - guide[above, beside]) >= COSTS.edge
-                    large = COSTS.large * (COSTS.across if edge else 1)
-                    pays = np.where(steps == 0, 0, np.where(steps == 1, COSTS.small, large))
-                    before = paths[above, beside]
-                    paths[y, x] += (before + pays).min(1) - before.min()
-        total += paths
-    return total
-
-
 @pytest.mark.parametrize("size", SIZES)
 def test_paths_step_between_the_layers_that_there_are(size, ragged, generator, assert_close):
     bands, guide = ragged(*size), torch.rand(size, generator=generator)
@@ -139,7 +118,7 @@ def test_paths_step_between_the_layers_that_there_are(size, ragged, generator, a
 
     sums = paths_in_bands(values, guide.numpy(), bands, COSTS)
 
-    expected = written_out(whole(values, bands).numpy(), guide.numpy())
+    expected = path_sums_written_out(whole(values, bands).numpy(), guide.numpy(), COSTS, 4)
     assert_close(whole(sums, bands), expected, rtol=1e-4, atol=1e-4)
 
 

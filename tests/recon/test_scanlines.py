@@ -1,37 +1,12 @@
 """Path sums against the formula written out, and what they promise."""
 
-import numpy as np
 import pytest
 import torch
+from references import path_sums as path_sums_written_out
 
 from recon.kernels.scanlines import PathCosts, _sums_by_lines, path_sums
 
 COSTS = PathCosts(small=0.1, large=0.5, edge=0.3, across=0.4)
-WAYS = {4: [(0, 1), (0, -1), (1, 0), (-1, 0)]}
-WAYS[8] = WAYS[4] + [(1, 1), (1, -1), (-1, 1), (-1, -1)]
-
-
-def written_out(volume, guide, costs, directions):
-    """Follow the recursion pixel by pixel; slow."""
-    height, width, count = volume.shape
-    total = np.zeros(volume.shape)
-    steps = np.abs(np.subtract.outer(np.arange(count), np.arange(count)))
-    for down, right in WAYS[directions]:
-        paths = np.zeros(volume.shape)
-        rows = range(height) if down >= 0 else range(height - 1, -1, -1)
-        columns = range(width) if right >= 0 else range(width - 1, -1, -1)
-        for y in rows:
-            for x in columns:
-                above, beside = y - down, x - right
-                paths[y, x] = volume[y, x]
-                if 0 <= above < height and 0 <= beside < width:
-                    edge = abs(guide[y, x] - guide[above, beside]) >= costs.edge
-                    large = costs.large * (costs.across if edge else 1)
-                    pays = np.where(steps == 0, 0, np.where(steps == 1, costs.small, large))
-                    before = paths[above, beside]
-                    paths[y, x] += (before + pays).min(1) - before.min()
-        total += paths
-    return total
 
 
 @pytest.mark.parametrize("directions", [4, 8])
@@ -42,7 +17,7 @@ def test_sums_are_those_of_the_formula(directions, size, generator, assert_close
 
     sums = path_sums(volume, guide, COSTS, directions=directions)
 
-    expected = written_out(volume.numpy(), guide.numpy(), COSTS, directions)
+    expected = path_sums_written_out(volume.numpy(), guide.numpy(), COSTS, directions)
     assert_close(sums, expected, rtol=1e-4, atol=1e-4)  # sums of up to 40 costs in float32
 
 
