@@ -10,9 +10,9 @@ from turned import workshop
 
 from recon import enlargement
 from recon.aggregation import BilateralAggregation
-from recon.enlargement import Enlargement
+from recon.enlargement import QUICK, Enlargement
 from recon.matcher import Matcher
-from recon.matching_cost import Census, LearnedCost, SoftCensus
+from recon.matching_cost import Census, LearnedCost
 from recon.types import DisparityMap, PixelStatus
 
 HEIGHT, WIDTH = 40, 90
@@ -180,7 +180,7 @@ def test_a_cost_without_vectors_cannot_be_the_same():
     with pytest.raises(ValueError, match=r"compares vectors, such as cnn, got Census; .*soft_cens"):
         Matcher(Census(), BilateralAggregation(), enlargement=Enlargement(cost="same"))
 
-    assert Enlargement().compared_by(Census()) == SoftCensus()
+    assert Enlargement().compared_by(Census()) == QUICK
     assert Enlargement(cost="same").compared_by(COST) is COST
 
 
