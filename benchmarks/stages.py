@@ -19,6 +19,7 @@ ROWS = {
     "no-row-alignment": "row_alignment=false",
     "no-enlargement": "enlargement=false",
     "enlarged-network": "enlargement.cost=same",
+    "no-census": "matching_cost.census_share=0.0",
     "census": "matching_cost=census",
     "paper-share": "matching_cost.direct_share=0.1",
     "no-bilateral": "aggregation=none",

@@ -40,7 +40,10 @@ class MatchingCost(Protocol):
 
 @runtime_checkable
 class VectorCost(MatchingCost, Protocol):
-    """A matching cost that is one minus the scalar product of what describes two pixels."""
+    """A matching cost that describes pixels by vectors.
+
+    One minus their scalar product is the cost, or what the cost is without a simpler one beside it.
+    """
 
     def vectors(self, image: Tensor, *, rows: slice = ALL_ROWS) -> Tensor:
         """Describe pixels.

@@ -9,6 +9,7 @@ from recon.matching_cost import (
     MATCHING_COSTS,
     AdCensus,
     Census,
+    LearnedCost,
     SoftCensus,
     SumOfAbsoluteDifferences,
 )
@@ -139,9 +140,36 @@ def test_soft_census_hardly_sees_a_change_of_brightness(texture):
     assert SoftCensus()(left, 0.3 * left, range(1)).cost.mean() < 0.02
 
 
-def test_a_faint_step_of_zero_is_refused():
-    with pytest.raises(ValueError, match=r"faint_step must be positive, got 0\.0"):
-        SoftCensus(0.0)
+def test_steps_to_nearer_neighbours_can_count_more():
+    """All 24 steps are alike; distances squared are 1 beside the middle and 8 in the corners."""
+    image = torch.ones(5, 5, 3)
+    image[2, 2] = 0.0
+
+    steps = SoftCensus(sigma_px=2.0).vectors(image)[2, 2]
+
+    corner, beside = steps[0], steps[11]
+    assert float(corner / beside) == pytest.approx(math.exp(-(8 - 1) / (2 * 2.0**2)))
+    assert float(steps.norm()) == pytest.approx(1)
+
+
+@pytest.mark.parametrize("setting", ["faint_step", "sigma_px"])
+def test_a_soft_census_refuses_zero(setting):
+    with pytest.raises(ValueError, match=rf"{setting} must be positive, got 0\.0"):
+        SoftCensus(**{setting: 0.0})
+
+
+def test_a_census_has_its_share_of_a_learned_cost(weights, texture):
+    views = texture(12, 20), texture(12, 20)
+    learned, census = (cost(*views, range(4)).cost for cost in (LearnedCost(weights), Census(5, 5)))
+
+    both = LearnedCost(weights, census_share=0.25)(*views, range(4)).cost
+
+    torch.testing.assert_close(both, 0.75 * learned + 0.25 * 1.7 * census)
+
+
+def test_a_census_alone_is_no_learned_cost():
+    with pytest.raises(ValueError, match=r"census_share must be in \[0, 1\), got 1\.0"):
+        LearnedCost(census_share=1.0)
 
 
 @pytest.mark.parametrize("method", [SumOfAbsoluteDifferences, Ncc])
