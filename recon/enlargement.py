@@ -35,6 +35,7 @@ __all__ = ["Enlargement"]
 FACTOR = 2
 COSTS = ("same", "soft_census")
 QUICK = SoftCensus(sigma_px=2.0)
+"""Nearer neighbours count more: in an enlarged view they are what is sharp."""
 BYTES_AT_ONCE = 128e6
 """Of what describes the pixels of both views, as far as that is known before."""
 BYTES_OF_VECTORS = 2 * 64 * 4

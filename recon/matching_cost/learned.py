@@ -20,7 +20,7 @@ __all__ = ["LearnedCost"]
 CENSUS = Census(5, 5)
 CENSUS_UNIT = 1.7
 """With it, pixels that have nothing to do with each other cost about as much in the census (0.48)
-as by their vectors (0.80), both measured on photographs."""
+as by their vectors (0.80), means over all candidates of one pair of photographs."""
 
 
 @lru_cache(maxsize=4)
