@@ -10,13 +10,8 @@ import torch
 from torch import Tensor, nn
 
 from recon.aggregation import BilateralAggregation
-from recon.kernels.shifts import cosine_distances
-from recon.networks import (
-    FeatureNetwork,
-    load_features,
-    save_regulariser,
-    stored_regulariser,
-)
+from recon.matching_cost import LearnedCost
+from recon.networks import save_regulariser, stored_regulariser
 from recon.networks.regulariser import Estimate, Regulariser, RegulariserShape
 from recon.optimisation.learned import hints
 from recon.precision import in_precision
@@ -48,8 +43,9 @@ class RegulariserRun(Run[RegulariserTraining]):
     longest_gradient = 1.0
 
     def __init__(self, settings: RegulariserTraining, device: torch.device) -> None:
-        weights, share = settings.cost_weights, settings.direct_share
-        self.features = load_features(weights, device, direct_share=share)
+        self.cost = LearnedCost(
+            settings.cost_weights, settings.direct_share, settings.census_share
+        )
         super().__init__(settings, device)
 
     def begin(self) -> nn.Module:
@@ -62,7 +58,7 @@ class RegulariserRun(Run[RegulariserTraining]):
     def look(self, pairs: Pairs) -> Update:
         """See `Run`."""
         count = self._candidates(pairs.disparity)
-        seen = _seen(self.features, pairs.left, pairs.right, count)
+        seen = _seen(self.cost, pairs.left, pairs.right, count)
         with in_precision("auto", self.device):
             estimate = self.trained(*seen, pairs.left)
         loss = regulariser_loss(estimate, pairs)
@@ -89,7 +85,7 @@ class RegulariserRun(Run[RegulariserTraining]):
     def _find(self, pairs: Pairs) -> Tensor:
         """Return the disparities of pairs whose range is known."""
         count = int(pairs.disparity.max()) + BEYOND_PX
-        seen = _seen(self.features, pairs.left, pairs.right, count)
+        seen = _seen(self.cost, pairs.left, pairs.right, count)
         estimate: Estimate = self.ready()(*seen, pairs.left)
         return estimate.disparity
 
@@ -113,23 +109,21 @@ class RegulariserRun(Run[RegulariserTraining]):
         return f"`{self.shape()}`: {weights:,} weights"
 
 
-@torch.no_grad()
 def _seen(
-    features: FeatureNetwork, left: Tensor, right: Tensor, count: int
+    matching_cost: LearnedCost, left: Tensor, right: Tensor, count: int
 ) -> tuple[Tensor, Tensor, Tensor]:
     """Return what the network sees of the disparities 0 to D - 1 beside the left views.
 
     Returns:
         Aggregated costs (N, H, W, D), the paths through them, and the winner of these (N, H, W).
     """
-    both = torch.cat((left, right)).contiguous(memory_format=torch.channels_last)
-    with in_precision("auto", left.device):
-        vectors = features(both)
     parts = []
-    for ours, theirs, view in zip(*vectors.float().chunk(2), left, strict=True):
-        guide = view.permute(1, 2, 0).contiguous()
-        volume = CostVolume(cosine_distances(ours, theirs, range(count)), range(count))
-        cost = AGGREGATION(volume, guide=guide).cost
-        parts.append((cost, *hints(cost, guide)))
+    for ours, theirs in zip(left.permute(0, 2, 3, 1), right.permute(0, 2, 3, 1), strict=True):
+        with torch.inference_mode():
+            guide = ours.contiguous()
+            volume = matching_cost(guide, theirs.contiguous(), range(count))
+            cost = AGGREGATION(volume, guide=guide).cost
+            parts.append((cost, *hints(cost, guide)))
+    # outside, where what is made may take part in gradients
     cost, paths, winner = (torch.stack(part) for part in zip(*parts, strict=True))
     return cost, paths, winner

@@ -162,6 +162,7 @@ class RegulariserTraining(Training):
     Attributes:
         cost_weights: of the matching cost network: a name that ships, or a file.
         direct_share: see `recon.matching_cost.LearnedCost`.
+        census_share: likewise.
         most_candidates: disparities that are searched at most.
         spare_range: how much more than the largest disparity of a batch is searched, at most, as a
             share: nobody knows the range exactly.
@@ -176,6 +177,7 @@ class RegulariserTraining(Training):
     learning_rate: float = 1e-3
     cost_weights: str = "fast"
     direct_share: float = 0.4
+    census_share: float = 0.0
     most_candidates: int = 144
     spare_range: float = 0.6
 

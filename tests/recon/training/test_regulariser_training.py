@@ -8,7 +8,9 @@ import torch
 from safetensors import safe_open
 from small_trainings import CPU, KEPT, PAIRS, SIZE, left_off_at, weights_of
 
+from recon.matching_cost import LearnedCost
 from recon.networks import RegulariserShape, load_regulariser
+from recon.optimisation.learned import hints
 from recon.training import regulariser_run
 from recon.training.batches import pairs_for
 from recon.training.progress import Scores
@@ -78,7 +80,8 @@ def test_weights_and_card_say_what_they_are(settings):
     with safe_open(settings.out / "regulariser.safetensors", framework="pt") as file:
         header = file.metadata()
     assert header["command"].startswith("reconstruct train regulariser --source pool --pairs 5")
-    assert (header["cost_weights"], header["direct_share"]) == ("fast", "0.4")
+    said = [header[name] for name in ("cost_weights", "direct_share", "census_share")]
+    assert said == ["fast", "0.4", "0.0"]
     card = (settings.out / "regulariser.md").read_text()
     (last,) = [one for one in scores if isinstance(one, Scores) and one.step == 4]
     assert "# `regulariser`: weights of the regulariser" in card
@@ -93,6 +96,20 @@ def test_a_checkpoint_of_the_other_network_is_refused(settings):
 
     with pytest.raises(ValueError, match=r"checkpoint\.pt is of a run with "):
         train(other)
+
+
+def test_the_network_sees_what_the_matcher_computes(settings):
+    cost = LearnedCost("fast", direct_share=0.4, census_share=0.5)
+    run = RegulariserRun(replace(settings, census_share=0.5), CPU)
+    left, right = torch.rand(2, 2, 3, 20, 30, generator=torch.Generator().manual_seed(4))
+
+    costs, paths, winner = regulariser_run._seen(run.cost, left, right, 12)
+
+    view, other = (pair[1].permute(1, 2, 0).contiguous() for pair in (left, right))
+    expected = regulariser_run.AGGREGATION(cost(view, other, range(12)), guide=view).cost
+    assert torch.equal(costs[1], expected)
+    for found, hint in zip((paths[1], winner[1]), hints(expected, view), strict=True):
+        assert torch.equal(found, hint)
 
 
 def test_more_candidates_are_searched_than_there_are_but_not_too_many(settings):
