@@ -1,10 +1,13 @@
-"""What the feature networks cost: weights, operations, and seconds beside this machine's best.
+"""What the networks cost: weights, operations, and seconds beside this machine's best.
 
-python benchmarks/networks.py [--variants fast wide] [--repeats 3] [--device cpu] [--json FILE]
+python benchmarks/networks.py [--networks fast wide regulariser] [--types float32 bfloat16]
+    [--repeats 3] [--device cpu] [--json FILE]
 
-A pair is two images of 720 x 500, in float32 and under autocast to bfloat16. The peak is a product
-of two 2048 x 2048 matrices of the same type, timed in turn with the networks: machines are noisy,
-so the fastest of the repeats counts, and shares are what to compare.
+A pair is two images of 720 x 500, for the regulariser with 75 candidates a pixel, in float32 and
+under autocast to bfloat16. Operations are those of convolutions and matrix products, as torch
+counts them. The peak is a product of two 2048 x 2048 matrices of the same type, timed in turn with
+the networks: machines are noisy, so the fastest of the repeats counts, and shares are what to
+compare.
 """
 
 from __future__ import annotations
@@ -14,16 +17,18 @@ import json
 import platform
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import torch
-from torch import Tensor
+from torch import nn
+from torch.utils.flop_counter import FlopCounterMode
 
-from recon.networks import Architecture, FeatureNetwork
+from recon.networks import Architecture, FeatureNetwork, Regulariser
 from recon.networks.architecture import VARIANTS
 from recon.report import versions
 
-WIDTH, HEIGHT = 720, 500
+WIDTH, HEIGHT, CANDIDATES = 720, 500, 75
 SIDE = 2048
 TYPES = {"float32": torch.float32, "bfloat16": torch.bfloat16}
 TRIALS = {
@@ -45,31 +50,56 @@ def seconds_of(work: Callable[[], object], device: torch.device) -> float:
     return time.perf_counter() - started
 
 
-def ready(shape: Architecture, device: torch.device) -> FeatureNetwork:
-    """Return a network with random weights, laid out as loaded ones are."""
+Work = tuple[nn.Module, Callable[[], object]]
+"""A network, and what it does for a pair."""
+
+
+def of_features(shape: Architecture, device: torch.device) -> Work:
+    """Return a network with random weights, laid out as loaded ones are, and both its views."""
     network = FeatureNetwork(shape).eval().requires_grad_(requires_grad=False).to(device)
-    return network.to(memory_format=torch.channels_last)
+    network = network.to(memory_format=torch.channels_last)
+    views = torch.rand(2, 1, 3, HEIGHT, WIDTH, device=device)
+    return network, lambda: [network(view) for view in views]
+
+
+def of_regulariser(device: torch.device) -> Work:
+    """Return the same for the network that looks around among costs, one view after the other."""
+    network = Regulariser().fused().requires_grad_(requires_grad=False).laid_out().to(device)
+    volume = torch.rand(1, HEIGHT, WIDTH, CANDIDATES, device=device)
+    winner = volume.argmin(-1).float()
+    guide = torch.rand(1, 3, HEIGHT, WIDTH, device=device)
+    return network, lambda: [network(volume, volume, winner, guide) for _ in range(2)]
+
+
+@torch.inference_mode()
+def gflop_of(run: Callable[[], object]) -> float:
+    """Return the 10^9 operations of convolutions and matrix products, 2 a product."""
+    with FlopCounterMode(display=False) as counter:
+        run()
+    return float(counter.get_total_flops()) / 1e9
 
 
 @torch.inference_mode()
 def measured(
-    shape: Architecture, kind: torch.dtype, device: torch.device, repeats: int
+    run: Callable[[], object],
+    gflop: float,
+    kind: torch.dtype,
+    device: torch.device,
+    repeats: int,
 ) -> dict[str, float]:
     """Return the fewest seconds of a pair, and the rate as a share of that of matrix products."""
-    network = ready(shape, device)
-    views = torch.rand(2, 1, 3, HEIGHT, WIDTH, device=device)
     factors = torch.rand(2, SIDE, SIDE, device=device).to(kind)
 
-    def pair() -> list[Tensor]:
+    def pair() -> object:
         with torch.autocast(device.type, torch.bfloat16, enabled=kind is torch.bfloat16):
-            return [network(view) for view in views]
+            return run()
 
     runs = [
         (seconds_of(pair, device), seconds_of(lambda: torch.mm(*factors), device))
         for _ in range(repeats + 1)
     ]
     seconds, product = (min(column) for column in zip(*runs[1:], strict=True))
-    rate = shape.gflop_per_megapixel_pair * WIDTH * HEIGHT / 1e6 / seconds
+    rate = gflop / seconds
     peak = 2 * SIDE**3 / 1e9 / product
     return {"seconds": seconds, "GFLOP/s": rate, "peak GFLOP/s": peak, "share": rate / peak}
 
@@ -79,8 +109,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawTextHelpFormatter
     )
-    known = {**VARIANTS, **TRIALS}
-    parser.add_argument("--variants", nargs="*", default=list(VARIANTS), choices=list(known))
+    shapes = {**VARIANTS, **TRIALS}
+    works: dict[str, Callable[[torch.device], Work]] = {
+        **{name: partial(of_features, shape) for name, shape in shapes.items()},
+        "regulariser": of_regulariser,
+    }
+    usual = [*VARIANTS, "regulariser"]
+    parser.add_argument("--networks", nargs="*", default=usual, choices=list(works))
+    parser.add_argument("--types", nargs="*", default=list(TYPES), choices=list(TYPES))
     parser.add_argument("--repeats", type=int, default=3)
     parser.add_argument("--device", default="cpu")
     parser.add_argument("--json", type=Path)
@@ -91,16 +127,15 @@ def main() -> None:
         "threads": torch.get_num_threads(),
         "versions": versions(),
     }
-    print("network            weights  GFLOP/MP  margin px  type      seconds  GFLOP/s  of peak")
-    for name in options.variants:
-        shape = known[name]
-        weights = sum(value.numel() for value in FeatureNetwork(shape).parameters())
-        for kind, dtype in TYPES.items():
-            found = measured(shape, dtype, device, options.repeats)
-            results[f"{name}, {kind}"] = {"weights": weights, **found}
+    print("network            weights  GFLOP a pair  type      seconds  GFLOP/s  of peak")
+    for name in options.networks:
+        network, run = works[name](device)
+        weights, gflop = sum(value.numel() for value in network.parameters()), gflop_of(run)
+        for kind in options.types:
+            found = measured(run, gflop, TYPES[kind], device, options.repeats)
+            results[f"{name}, {kind}"] = {"weights": weights, "GFLOP": gflop, **found}
             print(
-                f"{name:16} {weights:9,} {shape.gflop_per_megapixel_pair:9.0f} "
-                f"{shape.margin_px:10}  {kind:8} {found['seconds']:8.2f} "
+                f"{name:16} {weights:9,} {gflop:13.0f}  {kind:8} {found['seconds']:8.2f} "
                 f"{found['GFLOP/s']:8.0f} {found['share']:8.0%}"
             )
     if options.json:
