@@ -28,6 +28,8 @@ EVIDENCE = (
     "matched",
     "texture",
     "certainty",
+    "plain_margin",
+    "plain_partner",
 )
 """What speaks for a disparity or against it, see `evidence`."""
 
@@ -80,12 +82,13 @@ def evidence(
         guide: (H, W, 3) in [0, 1].
 
     Returns:
-        (H, W, 8) float32, in the order of `EVIDENCE`: 1; log of the peak margin, or of the
+        (H, W, 10) float32, in the order of `EVIDENCE`: 1; log of the peak margin, or of the
         probability that the optimisation stated; log of that of the partner in the right view; how
         far the partner's disparity differs, at most 3 px, 3 without one; share of 24 pixels around
         that are within 1 px of this disparity; share of these that are matched; log of how much
-        luminance varies around; and minus the log of what the margin lacks to 1, for
-        probabilities near 1 differ in that alone.
+        luminance varies around; minus the log of what the margin lacks to 1, for
+        probabilities near 1 differ in that alone; and margin and partner without the logarithm,
+        for what they say falls faster than that where they are small.
     """
     values = torch.nan_to_num(disparity.values)
     columns = torch.arange(values.shape[1], device=values.device) - values
@@ -125,6 +128,8 @@ def evidence(
             measured / len(AROUND),
             (texture + FAINT).log(),
             -(1 - of_left.confidence + LEAST_MARGIN).log(),
+            of_left.confidence,
+            margin_there,
         ),
         -1,
     )

@@ -43,6 +43,9 @@ class TestEvidence:
         assert found["margin"][7, 20].exp() == pytest.approx(0.501, rel=1e-4)
         assert found["partner"][7, 20].exp() == pytest.approx(0.201, rel=1e-4)
         assert found["partner"][7, 3].exp() == pytest.approx(0.001, rel=1e-4)  # outside
+        plain = (found["plain_margin"], found["plain_partner"])
+        assert [float(each[7, 20]) for each in plain] == pytest.approx([0.5, 0.2])
+        assert plain[1][7, 3] == 0
 
     @pytest.mark.parametrize(("theirs", "difference"), [(4.0, 0.0), (5.5, 1.5), (30.0, 3.0)])
     def test_the_partner_may_say_otherwise(self, theirs, difference):
@@ -104,7 +107,7 @@ class TestConfidence:
 
     @pytest.mark.parametrize("weights", [(1.0,), (*NOTHING[1:], math.nan)])
     def test_weights_that_cannot_be_are_refused(self, weights):
-        with pytest.raises(ValueError, match=r"filled_mismatch must be 8 finite weights \(always"):
+        with pytest.raises(ValueError, match=r"filled_mismatch must be 10 finite weights \(always"):
             Confidence(NOTHING, NOTHING, weights)
 
     def test_a_preset_holds_weights_or_leaves_them_out(self):
@@ -127,7 +130,7 @@ class TestFit:
         """Cases drawn from known probabilities."""
         spoken = torch.randn(40_000, len(EVIDENCE), generator=generator)
         spoken[:, 0] = 1
-        weights = torch.tensor([0.5, 1.0, 0.0, -2.0, 0.3, 0.0, 0.1, 0.4])
+        weights = torch.tensor([0.5, 1.0, 0.0, -2.0, 0.3, 0.0, 0.1, 0.4, 0.2, -0.6])
         right = torch.rand(len(spoken), generator=generator) < torch.sigmoid(spoken @ weights)
         error_px = torch.where(right, 0.5, 2.0)
         return Cases(spoken, torch.full((len(spoken),), MATCHED), error_px)
@@ -135,7 +138,7 @@ class TestFit:
     def test_the_weights_that_cases_were_drawn_with_are_found(self, cases):
         found = fitted(cases)
 
-        expected = (0.5, 1.0, 0.0, -2.0, 0.3, 0.0, 0.1, 0.4)
+        expected = (0.5, 1.0, 0.0, -2.0, 0.3, 0.0, 0.1, 0.4, 0.2, -0.6)
         assert found.matched == pytest.approx(expected, abs=0.08)
         assert found.filled_mismatch == NOTHING  # nothing was said of those
 
