@@ -43,9 +43,7 @@ class RegulariserRun(Run[RegulariserTraining]):
     longest_gradient = 1.0
 
     def __init__(self, settings: RegulariserTraining, device: torch.device) -> None:
-        self.cost = LearnedCost(
-            settings.cost_weights, settings.direct_share, settings.census_share
-        )
+        self.cost = LearnedCost(settings.cost_weights, settings.direct_share, settings.census_share)
         super().__init__(settings, device)
 
     def begin(self) -> nn.Module:

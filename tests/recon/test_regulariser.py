@@ -5,9 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from safetensors import safe_open
 
 from recon.networks import Regulariser, RegulariserShape, load_regulariser, save_regulariser
 from recon.networks.regulariser import BLOCK, _blocks, _peak, _sample
+from recon.networks.weights import SHIPPED
 from recon.optimisation import LearnedOptimisation, SemiGlobal
 from recon.optimisation.learned import PATHS, hints
 from recon.settings import load_preset
@@ -281,6 +283,14 @@ class TestHints:
 
         assert replace(best.optimisation, large_step=3.75) == PATHS
         assert best.aggregation == AGGREGATION
+
+    def test_the_weights_know_the_cost_of_the_preset_context(self):
+        cost = load_preset("context").matcher.matching_cost
+        with safe_open(SHIPPED / "regulariser.safetensors", framework="pt") as file:
+            header = file.metadata()
+
+        trained_on = header["cost_weights"], header["direct_share"], header["census_share"]
+        assert trained_on == (cost.weights, str(cost.direct_share), str(cost.census_share))
 
     def test_the_paths_are_those_of_semi_global_matching(self):
         cost, view = random_costs(8, 20, 6), random_view(8, 20)
