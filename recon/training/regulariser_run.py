@@ -23,7 +23,7 @@ from recon.training.regulariser_loss import regulariser_loss
 from recon.training.run import Run, Update
 from recon.training.settings import RegulariserTraining
 from recon.training.validation import validate
-from recon.types import Array, CostVolume
+from recon.types import Array
 
 __all__ = ["RegulariserRun"]
 
